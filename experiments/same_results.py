@@ -47,14 +47,14 @@ AREAS: Final[dict[Area, tuple[str, ...]]] = {
     "league": (
         f"{_LEAGUE} safe ppo --matches 20 --out {{out}}/cup",
         f"{_LEAGUE} attacking --matches 8 --no-exact {_PAIR} --out {{out}}/pair",
-        f"{_LEAGUE} --matches 40 --no-exact --record sample:3 --workers 8 --out {{out}}/sample",
+        f"{_LEAGUE} --matches 40 --no-exact --workers 8 --out {{out}}/sample",
     ),
     "exact": ("seeded exact", "exact evaluate bc minimax ppo --no-away --json"),
     "training": ("seeded training",),
     "workers": tuple(f"{_LEARN} --workers {n} --out {{out}}/{n}" for n in (1, 2, 8)),
     "staging": (
         f"{_LEAGUE} --matches 2 --no-exact --out {{out}}/played",
-        "recording scene {out}/played/rallies.mcap --best 2 --out {out}/scene.mcap",
+        "recording scene {out}/played/rallies.mcap --out {out}/scene.mcap",
     ),
     "reports": ("seeded reports",),
     "pages": (

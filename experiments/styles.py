@@ -107,7 +107,7 @@ class Styles(Study):
                     opponent=(OPPONENT,),
                     seed=seed,
                     out=folder / f"{style}-{seed}",
-                    record="sample:100",
+                    record="none",
                     strokes=QUICK_STROKES if self.quick else config.strokes,
                 )
                 for seed in range(self.seeds)

@@ -70,7 +70,7 @@ class WinRates(Study):
             changes |= {"strokes": QUICK_STROKES[agent]} if self.quick else {}
             for seed in range(self.seeds):
                 out = folder / "training" / f"{agent.replace(', ', '-')}-{seed}"
-                configs[agent, seed] = dataclasses.replace(base, seed=seed, out=out, record="sample:100", **changes)
+                configs[agent, seed] = dataclasses.replace(base, seed=seed, out=out, record="none", **changes)
         return configs
 
 

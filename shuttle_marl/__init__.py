@@ -4,9 +4,10 @@ The public API; ``docs/api.md`` has a line about each name. Everything is import
 ``import shuttle_marl`` imports neither numpy nor PettingZoo nor PyTorch.
 """
 
+import sys
 from typing import TYPE_CHECKING, Any
 
-from shuttle_marl.base.environment_ids import register_when_imported
+from shuttle_marl.base.environment_ids import RegistersLoaded
 
 if TYPE_CHECKING:
     from shuttle_marl.base.errors import ActionError
@@ -95,4 +96,6 @@ def __dir__() -> list[str]:
     return __all__
 
 
-register_when_imported()
+_IDS = RegistersLoaded()
+_IDS.find_spec()
+sys.meta_path.insert(0, _IDS)

@@ -1,6 +1,8 @@
 """Fixtures that several folders share; what only they need is imported when one is used: every process reads this file."""
 
+import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,12 +12,16 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture(scope="session")
-def chromium_program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A browser for everything that asks for one."""
+def chromium_program() -> Iterator[str]:
+    """A browser for everything that asks for one, fetched once for all processes of this session."""
+    from filelock import FileLock
+
     from tests.needs import chromium
 
+    session = Path(os.environ["SESSION_FOLDER"])
     with pytest.MonkeyPatch.context() as patch:
-        program = chromium(tmp_path_factory.mktemp("chromium"))
+        with FileLock(session / "chromium.lock"):
+            program = chromium(session / "chromium")
         patch.setenv("CHROMIUM", program)
         yield program
 

@@ -46,12 +46,16 @@ def node_readers(folder: Path, script: Path) -> list[str]:
 def chromium(folder: Path) -> str:
     """Chromium: of the machine, else from npm, unpacked into a folder.
 
-    The one from npm is a script that sets its libraries, fonts and renderer; those of the machine may be too old or missing.
+    The one from npm, which stays there, is a script that sets its libraries, fonts and renderer; those of the machine may be too
+    old or missing.
     """
     try:
         return browser_program()
     except WatchError:
         pass
+    script = folder / "chromium.sh"
+    if script.exists():  # written last
+        return str(script)
     # It is unpacked into the folder for temporary files, which may hold another version or an incomplete one.
     place = {**os.environ, "TMPDIR": str(folder)}
     program = installed(_BROWSER, folder, "Chromium")
@@ -60,7 +64,6 @@ def chromium(folder: Path) -> str:
     # Its configuration looks for fonts in /tmp; without any font Chromium ends as soon as it draws text.
     fonts = folder / "fonts" / "fonts.conf"
     fonts.write_text(fonts.read_text().replace(">/tmp/", f">{folder}/"))
-    script = folder / "chromium.sh"
     script.write_text(
         "#!/bin/sh\n"
         f"LD_LIBRARY_PATH={found['libraries']} FONTCONFIG_PATH={found['fonts']} "

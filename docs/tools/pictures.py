@@ -1,7 +1,7 @@
 """Pictures of the documentation and the data they are drawn from: ``python -m docs.tools.pictures [--only NAME ...] [--check]``.
 
 ``docs/images/sources.json`` holds the digest of the data of each picture. ``--check`` fails for a picture whose data have changed
-since it was drawn. Pictures of the court need the extras ``scene`` and ``browser``, Chromium, and Foxglove Studio.
+since it was drawn. Pictures of the court need the extra ``browser`` and Chromium.
 """
 
 import hashlib
@@ -245,9 +245,7 @@ def digest(source: str) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-KEPT: Final = frozenset({
-    "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png", "foxglove_side.png", "strokes.png",
-})  # fmt: skip
+KEPT: Final = frozenset({"strokes.png"})
 """Pictures whose program ended; docs/truth_record.md names it."""
 
 

@@ -257,15 +257,15 @@ def _recorded(
 ) -> "Iterator[dict[str, Callable[[Rallies], None]]]":
     """Callbacks that record the matches of sampled policies, by name; empty if nothing is recorded."""
     from shuttle_marl.policy.scorecard import REFERENCE  # noqa: PLC0415  numba
-    from shuttle_marl.recording import Player, Sampling  # noqa: PLC0415
+    from shuttle_marl.recording import Player  # noqa: PLC0415
     from shuttle_marl.recording.recorder import free_name, sampled_log  # noqa: PLC0415
 
-    if not Sampling.parse(samples.record).every or not sampled:
+    if samples.record == "none" or not sampled:
         yield {}
         return
     path = samples.log or free_name(Path("runs") / f"evaluate-{samples.seed}.mcap")
     opponent = Player(name=REFERENCE, hash=scorer.reference.hash)
-    with sampled_log(path, sampled, opponent, scorer.game, seed=samples.seed, record=samples.record) as add:
+    with sampled_log(path, sampled, opponent, scorer.game, seed=samples.seed) as add:
         yield {name: functools.partial(add, i) for i, name in enumerate(sampled)}
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 

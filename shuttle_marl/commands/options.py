@@ -120,7 +120,7 @@ class SampleOptions:
 
     matches: Annotated[int, msgspec.Meta(ge=1, le=10_000_000)] = 400  # Number of matches played for a policy that is sampled.
     seed: Seed = 0  # Random seed of these matches.
-    record: str = "all"  # Which of their rallies are recorded: all, sample:N (those of one match in N) or none.
+    record: Literal["all", "none"] = "all"  # Which of their rallies are recorded.
     log: File = None  # Rally log of these matches; default: runs/evaluate-SEED.mcap, or the next such name that is free.
     policy_timeout: float = POLICY_TIMEOUT  # Seconds that a program may take for one stroke; 0 for no limit.
 

@@ -10,8 +10,8 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import RALLY_MODEL, Appearance, Json, RallyModel
+from shuttle_marl.court import WatchError
 from shuttle_marl.court import scene as scenes
-from shuttle_marl.court.scene import SceneError
 from shuttle_marl.game.court import AREA_WORDS
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import OUTCOMES, REASONS
@@ -58,7 +58,6 @@ def info(path: Log, *, json_output: Json = False) -> None:
             "game": headers[0].game,
             "players": [] if headers[0].pair is None else list(headers[0].pair.players),
             "draws": list(dict.fromkeys(header.draws for header in headers)),
-            "record": list(dict.fromkeys(header.record for header in headers)),
             "columns": list(headers[0].columns),
             "software": list(dict.fromkeys(header.software for header in headers)),
         }
@@ -143,13 +142,11 @@ def scene(
     rally: int | None = None,
     match: int | None = None,
     pairing: int = 0,
-    best: int | None = None,
-    fps: int = 50,
     policy: Policies = (),
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
     model: RallyModel = RALLY_MODEL,
 ) -> None:
-    """Write rallies as a 3D scene for Foxglove or Lichtblick: --rally, --match or --best; by default the longest rally.
+    """Write rallies as a 3D scene for Foxglove or Lichtblick: --rally or --match; by default the longest rally.
 
     Args:
         path: a rally log, or a folder of them.
@@ -157,22 +154,19 @@ def scene(
         rally: number of the rally in the log.
         match: number of the match in its pairing: all its rallies.
         pairing: number of the pairing of the match.
-        best: number of rallies: the longest of the log.
-        fps: frames per second, 25 to 50.
         policy: policy for a name in the log; modules and files are allowed here.
         appearance: appearance of the players.
         model: game of the log.
     """
     console = cli.console(stderr=True)
     with RallyLog(path) as log:
-        numbers = scenes.select(log, rally=rally, match=match, pairing=pairing, best=best)
+        numbers = scenes.select(log, rally=rally, match=match, pairing=pairing)
         content, unknown = scenes.write_scene(
             log,
             numbers,
             model.load_for(path),
             hands=appearance.hands,
             athletes=appearance.athletes,
-            fps=fps,
             resolve=_resolver(policy, [player.name for player in log.policies]),
             progress=lambda numbers: cli.progress(numbers, "staging"),
         )
@@ -217,7 +211,7 @@ def _resolver(policies: Sequence[str], names: Sequence[str]) -> "Resolve":
     for entry in policies:
         matching = [name for name in names if entry.startswith(f"{name}=")]
         if not matching:
-            raise SceneError(f"--policy {entry}: expected NAME=POLICY with a name of the log, which has {', '.join(names)}")
+            raise WatchError(f"--policy {entry}: expected NAME=POLICY with a name of the log, which has {', '.join(names)}")
         name = max(matching, key=len)
         given[name] = entry.removeprefix(f"{name}=")
 

@@ -120,7 +120,7 @@ class OutputOptions:
 
     Attributes:
         record: folder for the logs of rallies that you play.
-        save_site: write the match, or the recorded rallies, as static files to this folder, for any web server, and exit.
+        save_site: write the match as static files to this folder, for any web server, and exit.
     """
 
     record: Path = Path("runs/watch")
@@ -252,12 +252,13 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
     from shuttle_marl.court.recorded import LogRallies, RealRallies  # noqa: PLC0415
     from shuttle_marl.data import read_matches  # noqa: PLC0415
     from shuttle_marl.data.hands import unknown_hands  # noqa: PLC0415
+    from shuttle_marl.recording.reader import RallyLog  # noqa: PLC0415
 
     if options.replay is not None and options.real is not None:
         raise WatchError("--replay and --real: give one of them")
     recorded: Recorded | None = None
     if options.replay is not None:
-        recorded = LogRallies(options.replay, game)
+        recorded = LogRallies(RallyLog(options.replay), game)
     elif options.real is not None:
         strokes = read_matches(options.real, rules=options.rules)
         for sentence in unknown_hands(strokes):

@@ -52,10 +52,11 @@ def match_clips(report: MatchReport, source: Source) -> Clips:
     """The key moments of a match, and where its rallies are on the live court. Raises WatchError: the file has no whole rally."""
     from shuttle_marl.court.recorded import LogRallies, RealRallies  # noqa: PLC0415  slow to import
     from shuttle_marl.court.staged import shared  # noqa: PLC0415
+    from shuttle_marl.recording.reader import RallyLog  # noqa: PLC0415
 
     found: LogRallies | RealRallies
     if source.strokes is None:
-        found, numbers = LogRallies(source.path, source.game), dict(enumerate(source.numbers))
+        found, numbers = LogRallies(RallyLog(source.path), source.game), dict(enumerate(source.numbers))
     else:
         found = RealRallies(source.path, source.game.seats[0], source.strokes)
         of_key = found.numbers(str(source.match))

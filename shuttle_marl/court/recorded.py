@@ -45,14 +45,14 @@ class LogRallies:
     Policies named by the log are resolved without running code, and used only if their table is the one that played.
 
     Raises:
-        RecordingError: the log cannot be read, or was played on another game.
+        RecordingError: the log was played on another game.
     """
 
-    def __init__(self, path: Path, game: Game) -> None:
-        self._log, self._game = RallyLog(path), game
+    def __init__(self, log: RallyLog, game: Game) -> None:
+        self._log, self._game = log, game
         self._lock = threading.RLock()  # a log is one open file, and requests are answered by several threads
-        self._players, self._games = LogPlayers(self._log, game), OnceCache(_MAX_MATCHES)
-        self.title, self.count = printable(path.name), self._log.n_rallies
+        self._players, self._games = LogPlayers(log, game), OnceCache(_MAX_MATCHES)
+        self.title, self.count = printable(log.path.name), log.n_rallies
         self.matches: list[RecordedMatch] = []
 
     def rally(self, number: int) -> CourtRally:
@@ -60,13 +60,13 @@ class LogRallies:
         with self._lock:
             found = self._log.rally(number)
             if not found.finished[0]:
-                raise WatchError(f"rally {number + 1} was cut off ({REASONS[found.reason[0]]}), so there is no end to show")
+                raise WatchError(f"the rally was cut off ({REASONS[found.reason[0]]}), so there is no end to show")
             header = self._log.files[self._log.file_of(number)].header
             rally = found.row(0, self._log.catalogue, header.rules).checked()
             try:
                 legal_states(rally, self._game)
             except IllegalStrokeError as error:
-                raise WatchError(f"rally {number + 1}: {error}") from error
+                raise WatchError(str(error)) from error
             first, second = (self._log.policies[int(policy)] for policy in found.policy[0])
             match = self._log.file_of(number), int(found.pairing[0]), int(found.match[0])
             games: dict[int, tuple[int, int]] = self._games.get(match, lambda: self._log.points_of_games(number))

@@ -27,7 +27,6 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.court import WatchError, messages
@@ -46,7 +45,7 @@ _CONCURRENT: Final = 16  # maximum number of concurrent requests of a connection
 _THREADS: Final = 4
 # Requests that never wait for the game to be solved; the others have separate threads.
 _FAST: Final = (messages.HelloRequest, messages.RallyRequest, messages.TagRequest, messages.FriendRequest)
-_REQUEST, _STALLED = 10.0, 30.0  # times for the head of a request, and for a page to read a reply [s]
+_STALLED: Final = 30.0  # time for a page to read a reply [s]
 _SHUTDOWN: Final = 1  # time for connections to close when the server stops [s]
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 CONTENT_POLICY: Final = (  # the page's own files alone, and no inline script
@@ -282,22 +281,6 @@ def bind(host: str, port: int) -> socket.socket:
             return listener
 
 
-class _Http(H11Protocol):
-    """HTTP connections that send a request in time, which uvicorn does not require."""
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
-        self._late = self.loop.call_later(_REQUEST, self._close_if_idle)
-
-    def _close_if_idle(self) -> None:
-        if self.cycle is None and self in self.connections:  # not upgraded to a WebSocket
-            self.transport.close()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._late.cancel()
-        super().connection_lost(exc)
-
-
 class Server(uvicorn.Server):
     """The HTTP and WebSocket server; :meth:`run` serves until it is interrupted."""
 
@@ -307,7 +290,6 @@ class Server(uvicorn.Server):
         super().__init__(
             uvicorn.Config(
                 app,
-                http=_Http,
                 log_config=None,
                 access_log=False,
                 lifespan="off",

@@ -1,6 +1,7 @@
-"""A match, or recorded rallies, as a folder of static files: the page, and the replies of the server that it reads instead."""
+"""A match as a folder of static files: the page, and the replies of the server that it reads instead."""
 
 import gzip
+import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
@@ -11,6 +12,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.court import WatchError, messages
 from shuttle_marl.court.answers import Answers
 from shuttle_marl.court.building import FILES
+from shuttle_marl.court.plan import Plan
 from shuttle_marl.court.server import CONTENT_POLICY, in_language
 from shuttle_marl.court.staging import model_file
 from shuttle_marl.reports.languages import Language
@@ -18,7 +20,7 @@ from shuttle_marl.reports.languages import Language
 MAX_SITE: Final = 8_000_000  # default of the maximum size of a site [bytes]
 _MARK: Final = b'<meta name="site" content="static">'  # in the first file that is written: no server answers
 _REPLIES: Final = "replies"
-_ROOM: Final = 600_000  # space for the overviews of matches and the styles [bytes]
+_ROOM: Final = 600_000  # space for the overview of the match and the styles [bytes]
 
 
 def save_site(
@@ -38,11 +40,14 @@ def save_site(
         limit: maximum size [bytes]; rallies that do not fit are left out.
 
     Raises:
-        WatchError: the folder has other files, or not even one rally fits.
+        WatchError: the folder has other files, recorded rallies are shown, or not even one rally fits.
         FileWriteError: a file cannot be written.
     """
     _check(folder)
     hello = answers.hello()
+    if hello.recorded is not None:
+        raise WatchError(f"--save-site {folder}: saves a match between policies; `report` writes pages of recorded matches")
+    plan = hello.plan
     fixed = {name: (page / name).read_bytes() for name in FILES}
     # With the policy, which no server sends, and the mark of a site.
     policy = f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">'.encode()
@@ -50,7 +55,7 @@ def save_site(
     fixed["index.html"] = index.replace(b"<head>", b"<head>" + policy + _MARK, 1)
     rallies: dict[str, bytes] = {}
     size, count = sum(map(len, fixed.values())), 0
-    for replies, athletes in _rallies(answers, hello):
+    for replies, athletes in _rallies(answers, plan):
         models = {f"{name}.glb": model_file(name).read_bytes() for name in athletes if f"{name}.glb" not in fixed}
         added = sum(map(len, replies.values())) + sum(map(len, models.values()))
         if size + added > limit - _ROOM:
@@ -61,21 +66,17 @@ def save_site(
         progress(count)
     if not count:
         raise WatchError(f"{folder}: the first rally does not fit into {limit / 1e6:.1f} MB")
-    rallies |= _overviews(answers, hello, count)
-    if hello.recorded is None:
-        whole, hello = answers.length(hello.plan), replace(hello, rallies=count)
-    else:
-        whole = hello.recorded.count
-        known = replace(hello.recorded, count=count, first=min(hello.recorded.first, count - 1))
-        hello = replace(hello, recorded=known)
-    rallies["hello"] = gzip.compress(messages.encode_reply(0, hello), mtime=0)
+    # The overview is that of the rallies that fit.
+    rallies["match-0"] = _packed(answers, messages.MatchRequest(id=0, plan=plan, rally=count - 1, partial=True))
+    rallies["styles"] = _packed(answers, messages.StylesRequest(id=0, plan=plan, rally=0))
+    rallies["hello"] = gzip.compress(messages.encode_reply(0, replace(hello, rallies=count)), mtime=0)
     content = {**fixed, **{f"{_REPLIES}/{name}.bin": reply for name, reply in rallies.items()}}
     for name, data in content.items():
         replace_file(folder / name, data)
     for old in (folder / _REPLIES).glob("*.bin"):
         if old.stem not in rallies:
             old.unlink()
-    return count, sum(map(len, content.values())), whole - count
+    return count, sum(map(len, content.values())), answers.length(plan) - count
 
 
 def _check(folder: Path) -> None:
@@ -92,38 +93,14 @@ def _packed(answers: Answers, request: messages.Request) -> bytes:
     return gzip.compress(answers(request), mtime=0)
 
 
-def _rallies(answers: Answers, hello: messages.Hello) -> Iterator[tuple[dict[str, bytes], list[str]]]:
-    """Replies about each rally in turn, and its athletes; a match ends with its last rally."""
-    plan, number = None if hello.recorded else hello.plan, 0
-    while hello.recorded is None or number < hello.recorded.count:
+def _rallies(answers: Answers, plan: Plan) -> Iterator[tuple[dict[str, bytes], list[str]]]:
+    """Replies about each rally in turn, and its athletes."""
+    for number in itertools.count():
         request = messages.RallyRequest(id=0, plan=plan, rally=number)
         facts = answers.rally(request)[0].rally
         replies = {f"rally-{number}": _packed(answers, request)}
         if facts.strokes:
             replies[f"analysis-{number}"] = _packed(answers, messages.AnalysisRequest(id=0, plan=plan, rally=number))
         yield replies, [player.athlete for player in facts.players]
-        if hello.recorded is None and facts.after is not None and facts.after.over:
+        if facts.after is not None and facts.after.over:
             return
-        number += 1
-
-
-def _overviews(answers: Answers, hello: messages.Hello, count: int) -> dict[str, bytes]:
-    """Overviews of the matches, by the rally that asks, and the styles of the players of a match."""
-    if hello.recorded is None:
-        # Of the rallies that fit.
-        overview = messages.MatchRequest(id=0, plan=hello.plan, rally=count - 1, partial=True)
-        styles = messages.StylesRequest(id=0, plan=hello.plan, rally=0)
-        return {"match-0": _packed(answers, overview), "styles": _packed(answers, styles)}
-    found: dict[str, bytes] = {}
-    number = 0
-    while number < count:
-        request = messages.MatchRequest(id=0, rally=number)
-        rallies = answers.match(request).rallies
-        last = max(number, rallies[-1].number if rallies else number)
-        if last >= count:  # of the rallies that fit
-            last = count - 1
-            request = messages.MatchRequest(id=0, rally=last, partial=True)
-        # Every rally of a match has the same overview.
-        found |= dict.fromkeys((f"match-{k}" for k in range(number, last + 1)), _packed(answers, request))
-        number = last + 1
-    return found

@@ -4,7 +4,7 @@ import copy
 import operator
 import secrets
 import warnings
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
@@ -304,7 +304,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         hurried = self._stepper.is_hurried(self._state)
         played, self._state = self._stepper.step(self._state, striker, stroke, draw, self._position)
         self._strokes.append(played)
-        self._positions += [self._position] * self.game.hides
+        if self.game.hides:
+            self._positions.append(self._position)
         outcome = played.outcome
         self._length += 1
         self._cumulative_rewards[agent] = 0.0
@@ -531,15 +532,16 @@ def _stepper(game: Game, outcomes: OutcomesFrom) -> Stepper:
     return model_stepper(game)
 
 
-def refuse_options(options: dict[str, Any] | None, known: Collection[str] = ()) -> None:
-    """Refuse options of ``reset`` that an environment does not have.
+def refuse_options(options: dict[str, Any] | None) -> None:
+    """Refuse options of ``reset``.
 
     Raises:
         OptionError: there is one.
     """
-    if unknown := [name for name in options or () if name not in known]:
-        has = f"the options {', '.join(known)}" if known else "no options"
-        raise OptionError(f"options {', '.join(map(repr, unknown))}: reset has {has}; `server` and others are of the constructor")
+    if options:
+        raise OptionError(
+            f"options {', '.join(map(repr, options))}: reset has no options; `server` and others are of the constructor"
+        )
 
 
 Belief = Policy | npt.ArrayLike | None

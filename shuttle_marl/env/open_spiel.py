@@ -220,8 +220,10 @@ class RallyObserver:
     def __init__(self, tables: Game) -> None:
         self._stepper = stepper_of(tables)
         self.tensor = np.zeros(RALLY_WIDTH + 1 + tables.hides, np.float32)
-        parts = np.split(self.tensor, (RALLY_WIDTH, RALLY_WIDTH + 1))
-        self.dict: dict[str, F32] = dict(zip(("rally", "turn", "waits")[: 2 + tables.hides], parts, strict=False))
+        rally, turn, waits = np.split(self.tensor, (RALLY_WIDTH, RALLY_WIDTH + 1))
+        self.dict: dict[str, F32] = {"rally": rally, "turn": turn}
+        if tables.hides:
+            self.dict["waits"] = waits
 
     def set_from(self, state: RallyState, player: int) -> None:
         """Write what a player sees."""

@@ -17,7 +17,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.rally import RallyBatch
 from shuttle_marl.kernel.taped import TapeReader
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError
-from shuttle_marl.recording.log_file import existing_parts
+from shuttle_marl.recording.log_file import files_of
 from shuttle_marl.recording.recorder import RallyRecorder
 
 Record = Path | str | Callable[[Rallies], None] | None
@@ -62,7 +62,7 @@ class Recording:
         self.path, self._game, self._rows, self._matches = Path(path), game, list[PlayedRally](), 0
         self.reasons = np.zeros(len(REASONS), np.int64)
         """Number of rallies by the reason of their end."""
-        if existing_parts(self.path):
+        if files_of(self.path):
             raise RecordingError(f"{path}: exists already; delete it or choose another name")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -156,7 +156,7 @@ def recorder_of(batch: RallyBatch, record: Record, names: Sequence[str], rules: 
     if callable(record):
         return TapeReader(batch, record)
     log = Recording(record, batch.game, names, rules)
-    reader = TapeReader(batch, log.add, log.close)
+    reader = TapeReader(batch, log.add, log.close, thread=True)
     log.finish_with(reader)
     return reader
 

@@ -7,21 +7,19 @@ right, which is down in the picture.
 import dataclasses
 import functools
 import importlib
-import itertools
 import os
-from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, U8, Floats
+from shuttle_marl.base.arrays import F64, U8
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.extras import install_hint
 from shuttle_marl.game import court
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rally import Stroke
 from shuttle_marl.game.recovery import POSITIONS
-from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
+from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.scoring import serves_from_right
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 
@@ -127,11 +125,8 @@ def standing(snapshot: Snapshot) -> str:
 
 Point = tuple[float, float]
 
-# Rise of a flight above the straight line, by shot type [m].
-_PEAK: Final = (0.7, 5.0, 4.6, 4.2, 0.9, 0.15, 0.2, 0.35, 0.8, 0.1, 0.6, 0.7, 0.7)
 _SPREAD: Final = (0.45, 0.54)  # half the width and depth over which contact points vary inside an area [m]
 _BASE: Final = (0.0, -3.4)  # base position of players between strokes, in their own frame [m]
-_RETURNED: Final = 0.55  # fraction of the path to the base covered during a flight
 _FAULT_REACH: Final = 0.62  # fraction of the path to its target at which a fault is drawn to end
 
 
@@ -157,41 +152,30 @@ def to_plan(player: int, x: float, y: float) -> Point:
 
 
 def plan_of(snapshot: Snapshot) -> Plan:
-    """Place the strokes of a rally on the court."""
+    """Place the strokes of a rally on the court: the receiver at the shuttle, and the striker halfway to the base."""
     points = snapshot.by_game[-1] if snapshot.by_game else (0, 0)
     side = 1.0 if serves_from_right(points[snapshot.server]) else -1.0
     contact = to_plan(snapshot.server, 0.4 * side, -court.SHORT_SERVICE - 0.25)
-    stands = [to_plan(p, 0.5 * side, -court.SHORT_SERVICE - (0.5 if p == snapshot.server else 1.0)) for p in (0, 1)]
+    bodies = [to_plan(p, 0.5 * side, -court.SHORT_SERVICE - (0.5 if p == snapshot.server else 1.0)) for p in (0, 1)]
     flights: list[Flight] = []
-    catalogue = snapshot.game.catalogue
     for played in snapshot.strokes:
-        player = played.player
-        if flights:
-            stands[player] = _stance(snapshot, player, contact, int(catalogue.technique[played.stroke]))
+        player, receiver = played.player, 1 - played.player
         end = _landing(player, snapshot.target(played), len(flights), played.stroke)
         if played.outcome == FAULT:
             end = _between(contact, end, _FAULT_REACH)
         flights.append(Flight(played, contact, end))
-        # The striker returns to the base; the receiver has reached the shuttle, or only half of the path to a winner.
-        stands[player] = _between(stands[player], to_plan(player, *_BASE), _RETURNED)
-        if played.outcome != FAULT:
-            reach = 0.5 if played.outcome == WINNER else 1.0
-            stands[1 - player] = _between(stands[1 - player], _stance(snapshot, 1 - player, end, 0), reach)
+        bodies[player] = _between(contact, to_plan(player, *_BASE), 0.5)
+        if played.outcome >= RETURNED_BELOW:
+            back = to_plan(receiver, 0.0, -0.5)
+            bodies[receiver] = end[0] + back[0], end[1] + back[1]
         contact = end
-    return Plan(tuple(flights), contact, (stands[0], stands[1]))
+    return Plan(tuple(flights), contact, (bodies[0], bodies[1]))
 
 
 def _landing(player: int, area: int, number: int, stroke: int) -> Point:
     x, y = court.area_centre(np.array(area))
     dx, dy = np.random.default_rng([number, stroke]).uniform(-1, 1, 2)
     return to_plan(player, float(x + dx * _SPREAD[0]), float(y + dy * _SPREAD[1]))
-
-
-def _stance(snapshot: Snapshot, player: int, contact: Point, technique: int) -> Point:
-    """Position of a player at a contact: behind the shuttle, which is at the side of the racket for all but a backhand."""
-    sideways = 0.45 if (technique == 1) == (snapshot.hands[player] == "right") else -0.45
-    back = to_plan(player, sideways, -0.35)
-    return contact[0] + back[0], contact[1] + back[1]
 
 
 def _between(a: Point, b: Point, share: float) -> Point:
@@ -208,102 +192,11 @@ MAT, AROUND, TARGET = (18, 114, 87), (14, 93, 72), (70, 128, 76)
 SIZE: Final = (900, 560)  # width and height of the picture [px]; it is painted twice as large
 WIDE, HIGH = 2 * SIZE[0], 2 * SIZE[1]
 PX: Final = 116.0  # painted pixels per metre
-_RISE: Final = 34.0  # painted pixels that a flight is lifted for each metre of height
 
 
-def px(point: Point | Floats) -> F64:
+def px(point: Point) -> F64:
     """A point of the plan in the painting."""
-    return np.array([WIDE / 2, HIGH / 2]) + PX * np.asarray(point)
-
-
-def _rect(surface: Any, a: Point, b: Point, colour: Colour) -> None:
-    (left, top), (right, bottom) = np.rint(np.sort([px(a), px(b)], axis=0)).tolist()
-    _pygame().draw.rect(surface, colour, (left, top, right - left, bottom - top))
-
-
-def _line(surface: Any, points: Sequence[Floats] | Floats, width: float, colour: Colour) -> None:
-    for a, b in itertools.pairwise(points):
-        side = width / 2 * np.array([a[1] - b[1], b[0] - a[0]]) / max(float(np.hypot(*(b - a))), 1e-9)
-        _pygame().draw.polygon(surface, colour, [a + side, b + side, b - side, a - side])
-
-
-def _write(surface: Any, text: str, at: tuple[float, float], size: int, colour: Colour, anchor: str = "midleft") -> float:
-    """Write a line of text, of which the point ``anchor`` lies at ``at``; returns the x of its end."""
-    _pygame().font.init()
-    image = _pygame().font.Font(None, size).render(text, True, colour)
-    place = image.get_rect(**{anchor: at})
-    surface.blit(image, place)
-    return float(place.right)
-
-
-def _paint_court(surface: Any) -> None:
-    length, half = court.HALF_LENGTH, court.WIDTH / 2
-    _rect(surface, (-length - 0.9, -half - 0.5), (length + 0.9, half + 0.5), AROUND)
-    _rect(surface, (-length, -half), (length, half), MAT)
-    for side in (-1, 1):
-        lines = [((side * x, -half), (side * x, half)) for x in (length, length - court.LONG_SERVICE, court.SHORT_SERVICE)]
-        lines += [((-length, side * y), (length, side * y)) for y in (court.HALF_WIDTH, half)]
-        for a, b in (*lines, ((side * court.SHORT_SERVICE, 0), (side * length, 0))):
-            _line(surface, [px(a), px(b)], 0.05 * PX, WHITE)
-
-
-def _paint_flight(surface: Any, snapshot: Snapshot, flight: Flight, strength: float) -> None:
-    """A flight, lifted by its height; a shuttle slows down so much that it is highest well behind the middle."""
-    t, peak = np.linspace(0, 1, 40)[:, None], _PEAK[snapshot.game.catalogue.shot[flight.stroke.stroke]]
-    path = px(flight.start) + t * (px(flight.end) - px(flight.start)) - peak * 6.75 * t**2 * (1 - t) * [0, _RISE]
-    colour = strength * np.array(PLAYERS[flight.stroke.player]) + (1 - strength) * np.array(MAT)
-    _line(surface, path, 6, tuple(np.rint(colour).astype(int).tolist()))
-
-
-def _paint_player(surface: Any, snapshot: Snapshot, plan: Plan, player: int) -> None:
-    """A player from above: shoulders, head, and the racket towards the shuttle."""
-    body = px(plan.bodies[player])
-    if snapshot.striker == player:
-        _pygame().draw.circle(surface, WHITE, body, 54, 5)
-    ahead = px(plan.shuttle) - body
-    ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
-    right = np.array([-ahead[1], ahead[0]]) * (1 if snapshot.hands[player] == "right" else -1)
-    hand = body + 26 * right
-    _line(surface, [hand, hand + 50 * ahead], 6, WHITE)
-    _pygame().draw.circle(surface, WHITE, hand + 68 * ahead, 20, 4)
-    _line(surface, [body - 34 * right, body + 34 * right], 32, PLAYERS[player])
-    _pygame().draw.circle(surface, INK, body, 18)
-
-
-def _paint_shuttle(surface: Any, plan: Plan) -> None:
-    """The shuttle, or a mark that says how the rally ended there."""
-    at, outcome = px(plan.shuttle), plan.flights[-1].stroke.outcome if plan.flights else None
-    if outcome == WINNER:
-        for radius in (18, 32, 46):
-            _pygame().draw.circle(surface, GREEN, at, radius, 5)
-    elif outcome == FAULT:
-        for arm in ([18, 18], [18, -18]):
-            _line(surface, [at - arm, at + arm], 8, RED)
-    else:
-        _pygame().draw.circle(surface, YELLOW, at, 13)
-
-
-def _paint_words(surface: Any, snapshot: Snapshot) -> None:
-    serving = snapshot.winner if snapshot.winner is not None else snapshot.server
-    for player, name in enumerate(snapshot.names):
-        y = 40 + 52 * player
-        _pygame().draw.rect(surface, PLAYERS[player], (40, y - 22, 8, 44))
-        end = _write(surface, name, (104, y), 44, TEXT)
-        if player == serving:
-            _pygame().draw.circle(surface, YELLOW, (76, y), 10)
-        if snapshot.game.levels > 1:
-            end = _write(surface, f"effort {effort_in_words(snapshot, player)}", (end + 20, y), 34, MUTED)
-        for column, points in enumerate(snapshot.by_game):
-            colour = TEXT if column == len(snapshot.by_game) - 1 else MUTED
-            _write(surface, str(points[player]), (max(600, end + 40) + 80 * column, y), 52, colour, "center")
-    _write(surface, snapshot.title, (WIDE - 40, 40), 40, MUTED, "midright")
-    _write(surface, standing(snapshot), (WIDE - 40, 92), 44, TEXT, "midright")
-    if snapshot.strokes:
-        last, number = snapshot.strokes[-1], len(snapshot.strokes)
-        words = in_words(snapshot.game.catalogue, last.stroke)
-        _write(surface, f"{number}  {snapshot.names[last.player]}: {words}", (40, HIGH - 88), 48, PLAYERS[last.player])
-        odds = f"good {last.p_succ:.1%}, returned {last.p_ret:.1%}: {OUTCOMES[last.outcome]}"
-        _write(surface, odds, (40, HIGH - 36), 40, MUTED)
+    return np.array([WIDE / 2, HIGH / 2]) + PX * np.array(point)
 
 
 class CourtRenderer:
@@ -314,31 +207,29 @@ class CourtRenderer:
     """
 
     def __init__(self, title: str, *, fps: float) -> None:
-        self._title = title
-        self._fps = fps
-        self._court = _pygame().Surface((WIDE, HIGH))
-        self._court.fill(INK)
-        _paint_court(self._court)
+        self._pygame, self._title, self._fps = _pygame(), title, fps
         self._window: Any = None
-        self._clock: Any = None
+        self._clock = self._pygame.time.Clock()
         self._dismissed = False
+        self._court = self._pygame.Surface((WIDE, HIGH))
+        self._court.fill(INK)
+        self._paint_court()
 
     def frame(self, snapshot: Snapshot) -> U8:
         """``[560, 900, 3]`` picture."""
-        return np.ascontiguousarray(_pygame().surfarray.array3d(self._paint(snapshot)).swapaxes(0, 1))
+        return np.ascontiguousarray(self._pygame.surfarray.array3d(self._paint(snapshot)).swapaxes(0, 1))
 
     def show(self, snapshot: Snapshot) -> None:
         """Show the picture for one frame; does nothing once the user has closed the window."""
         if self._dismissed:
             return
         if self._window is None:
-            _pygame().display.init()
-            _pygame().display.set_caption(f"shuttle_marl {self._title}")
-            self._window = _pygame().display.set_mode(SIZE)
-            self._clock = _pygame().time.Clock()
+            self._pygame.display.init()
+            self._pygame.display.set_caption(f"shuttle_marl {self._title}")
+            self._window = self._pygame.display.set_mode(SIZE)
         self._window.blit(self._paint(snapshot), (0, 0))
-        _pygame().display.flip()
-        if any(event.type == _pygame().QUIT for event in _pygame().event.get()):
+        self._pygame.display.flip()
+        if any(event.type == self._pygame.QUIT for event in self._pygame.event.get()):
             self.close()
             self._dismissed = True
             return
@@ -347,20 +238,63 @@ class CourtRenderer:
     def close(self) -> None:
         """Close the window."""
         if self._window is not None:
-            _pygame().display.quit()
+            self._pygame.display.quit()
             self._window = None
 
+    def _paint_court(self) -> None:
+        length, half = court.HALF_LENGTH, court.WIDTH / 2
+        self._rect(self._court, (-length - 0.9, -half - 0.5), (length + 0.9, half + 0.5), AROUND)
+        self._rect(self._court, (-length, -half), (length, half), MAT)
+        for side in (-1, 1):
+            lines = [((side * x, -half), (side * x, half)) for x in (length, length - court.LONG_SERVICE, court.SHORT_SERVICE)]
+            lines += [((-length, side * y), (length, side * y)) for y in (court.HALF_WIDTH, half)]
+            for a, b in (*lines, ((side * court.SHORT_SERVICE, 0), (side * length, 0))):
+                self._line(self._court, a, b, WHITE)
+
     def _paint(self, snapshot: Snapshot) -> Any:
-        surface, plan = self._court.copy(), plan_of(snapshot)
+        surface, plan, circle = self._court.copy(), plan_of(snapshot), self._pygame.draw.circle
         if snapshot.strokes:
             last = snapshot.strokes[-1]
             (left, right), (near, far) = court.area_box(snapshot.target(last))
-            _rect(surface, to_plan(last.player, left, near), to_plan(last.player, right, far), TARGET)
-        _line(surface, [px((0, -court.WIDTH / 2 - 0.1)), px((0, court.WIDTH / 2 + 0.1))], 10, WHITE)
-        for player in (0, 1):
-            _paint_player(surface, snapshot, plan, player)
+            self._rect(surface, to_plan(last.player, left, near), to_plan(last.player, right, far), TARGET)
+        self._line(surface, (0, -court.WIDTH / 2 - 0.1), (0, court.WIDTH / 2 + 0.1), WHITE, 10)
+        for player, body in enumerate(plan.bodies):
+            circle(surface, PLAYERS[player], px(body), 32)
+            if snapshot.striker == player:
+                circle(surface, WHITE, px(body), 54, 5)
         for flight, strength in zip(plan.flights[-3:], (0.35, 0.6, 1.0)[-len(plan.flights) :], strict=False):
-            _paint_flight(surface, snapshot, flight, strength)
-        _paint_shuttle(surface, plan)
-        _paint_words(surface, snapshot)
-        return _pygame().transform.smoothscale(surface, SIZE)
+            colour = strength * np.array(PLAYERS[flight.stroke.player]) + (1 - strength) * np.array(MAT)
+            self._line(surface, flight.start, flight.end, tuple(colour.astype(int).tolist()))
+        outcome = snapshot.strokes[-1].outcome if snapshot.strokes else RETURNED_BELOW
+        circle(surface, {WINNER: GREEN, FAULT: RED}.get(outcome, YELLOW), px(plan.shuttle), 16)
+        self._write_words(surface, snapshot)
+        return self._pygame.transform.smoothscale(surface, SIZE)
+
+    def _write_words(self, surface: Any, snapshot: Snapshot) -> None:
+        for player, name in enumerate(snapshot.names):
+            self._write(surface, name, (40, 40 + 52 * player), 44, PLAYERS[player])
+            for column, points in enumerate(snapshot.by_game):
+                self._write(surface, str(points[player]), (640 + 80 * column, 40 + 52 * player), 52, TEXT, "center")
+        self._write(surface, snapshot.title, (WIDE - 40, 40), 40, MUTED, "midright")
+        self._write(surface, standing(snapshot), (WIDE - 40, 92), 44, TEXT, "midright")
+        if snapshot.strokes:
+            last, number = snapshot.strokes[-1], len(snapshot.strokes)
+            words = in_words(snapshot.game.catalogue, last.stroke)
+            self._write(surface, f"{number}  {snapshot.names[last.player]}: {words}", (40, HIGH - 88), 48, PLAYERS[last.player])
+            odds = f"good {last.p_succ:.1%}, returned {last.p_ret:.1%}: {OUTCOMES[last.outcome]}"
+            self._write(surface, odds, (40, HIGH - 36), 40, MUTED)
+
+    def _rect(self, surface: Any, a: Point, b: Point, colour: Colour) -> None:
+        (left, top), (right, bottom) = np.rint(np.sort([px(a), px(b)], axis=0)).tolist()
+        self._pygame.draw.rect(surface, colour, (left, top, right - left, bottom - top))
+
+    def _line(self, surface: Any, a: Point, b: Point, colour: Colour, width: int = 6) -> None:
+        self._pygame.draw.line(surface, colour, px(a), px(b), width)
+
+    def _write(
+        self, surface: Any, text: str, at: tuple[float, float], size: int, colour: Colour, anchor: str = "midleft"
+    ) -> None:
+        """Write a line of text, of which the point ``anchor`` lies at ``at``."""
+        self._pygame.font.init()
+        image = self._pygame.font.Font(None, size).render(text, True, colour)
+        surface.blit(image, image.get_rect(**{anchor: at}))

@@ -101,20 +101,12 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
 
         Args:
             seed: start with the first B episodes of this seed; None: continue, or a random seed at the first call.
-            options: ``reset_mask``: ``[B]`` bool, the rows to reset; not together with a seed.
+            options: None or empty.
 
         Raises:
-            OptionError: another option; or the mask has another shape or type, or is combined with a seed.
-            ResetNeeded: a mask before the first reset of all rows.
+            OptionError: an option.
         """
-        refuse_options(options, ("reset_mask",))
-        mask = (options or {}).get("reset_mask")
-        if mask is not None:
-            if seed is not None:
-                raise OptionError("a seed resets all rows; give either seed or options['reset_mask']")
-            if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
-                raise OptionError(f"options['reset_mask']: expected a bool array of shape ({self.num_envs},)")
-            self._require_begun()
+        refuse_options(options)
         super().reset(seed=seed)
         if seed is None and not self._begun:
             seed = int(self.np_random.integers(1 << 63))
@@ -123,9 +115,9 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
             self._illegal[:] = 0
             if self._recorder is not None:
                 self._recorder.reseed(seed)
-        self.versus.reset(seed, mask)
+        self.versus.reset(seed)
         if self._history is not None:
-            self._history.begin(np.ones(self.num_envs, np.bool_) if mask is None else mask)
+            self._history.begin(np.ones(self.num_envs, np.bool_))
         return self._seen()
 
     def step(self, actions: Ints) -> tuple[Any, F32, Bools, Bools, dict[str, Any]]:
@@ -201,7 +193,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         if self._features is None:
             found = self.game.observation(state)
             found = np.where(own[:, None], found, found[:, SWAP_TOKENS])
-            return np.column_stack([found, *[waits.astype(np.int32)] * self.game.hides])
+            return np.column_stack([found, waits.astype(np.int32)]) if self.game.hides else found
         seen = with_efforts(self.game, self._features, state, ~own)
         seen[:, RALLY_WIDTH:] = waits[:, None]
         return seen

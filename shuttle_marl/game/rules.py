@@ -30,8 +30,7 @@ FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE, HURRIED_BELOW, HURRIED_ABOVE = ra
 REASONS: Final = ("fault", "winner", "illegal stroke", "illegal position", "too many strokes", "abandoned")
 """Ends of a rally: by the outcome of its last stroke, or cut off, the last two without a winner."""
 ILLEGAL, ILLEGAL_POSITION, TOO_LONG, ABANDONED = range(2, 6)
-NOBODY: Final = 2
-"""Winner of a rally that nobody won."""
+NOBODY: Final = 2  # winner of a rally that nobody won
 
 
 class IllegalStrokeError(ActionError):

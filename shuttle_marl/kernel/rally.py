@@ -34,14 +34,12 @@ from shuttle_marl.kernel.rows import (
     Tape,
     begin,
     choose_uniform,
-    code_of,
     draw_strokes,
     find_places,
     find_ranks,
     in_slices,
     new_rows,
     new_tape,
-    note,
     observe,
     observe_rows,
     part_of,
@@ -80,13 +78,12 @@ class _Work(NamedTuple):
     row: I64
     reward: F32
     state: I64
-    code: U64  # of strokes that are noted
 
 
 @inlined
 def _new_work(size: int) -> _Work:
     number, reward = np.empty(size, np.int64), np.zeros(size, np.float32)
-    return _Work(core.new_block(size), number, reward, np.empty(size, np.int64), np.empty(size, np.uint64))
+    return _Work(core.new_block(size), number, reward, np.empty(size, np.int64))
 
 
 # Arrays of these tuples are read where they are used: a local name for one, across branches, costs a count of its references.
@@ -153,8 +150,6 @@ def _reply(
             legal = core.legal_strokes(tables, s)
             k = table_choice(opponents.players, opponents.opponent[at], s, legal.pair, block.bits[r])
             core.put_stroke(tables, block, r, legal, k, rows.striker[at])
-            if tape is not None:
-                work.code[r] = code_of(tables, s, legal, k, 0, rows.striker[at], opponents.opponent[at])
         core.strike(tables, state, block, replies)
         again = 0
         for r in range(replies):
@@ -163,7 +158,8 @@ def _reply(
             rows.stroke[at] += 1
             rows.striker[at] ^= 1
             if tape is not None:
-                _note(matches, tape, int64(at), work.code[r], block.outcome[r])
+                code = _code_of(block, r, rows.striker[at] ^ 1, opponents.opponent[at])
+                _note(matches, tape, int64(at), code, block.outcome[r])
             reward = _end_stroke(rows, matches, int64(opponents.seat[at]), int64(at), block.outcome[r])
             work.reward[at - np.uint64(first)] += reward
             block.listed[again] = at
@@ -172,14 +168,21 @@ def _reply(
 
 
 @inlined
+def _code_of(block: Block, j: int, seat: int, opponent: int) -> np.uint64:
+    """What a :class:`Tape` says of the j-th stroke of a block."""
+    what = block.outcome[j] | int64(block.place[j]) << 3 | int64(seat) << 7 | int64(opponent) << 8
+    return np.uint64(np.uint64(block.arrival[j]) | np.uint64(what) << np.uint64(32))
+
+
+@inlined
 def _note(matches: MatchRows | None, tape: Tape, i: int, code: np.uint64, outcome: int) -> None:
-    """Note a stroke of row i with its outcome, and in a match with the score before the rally that it ends."""
-    code |= np.uint64(outcome) << np.uint64(16)
-    if matches is not None and outcome < OPEN:
-        for seat in range(2):
-            code |= np.uint64(matches.points[i, seat]) << np.uint64(32 + 8 * seat)
-            code |= np.uint64(matches.games[i, seat]) << np.uint64(48 + 8 * seat)
-    note(tape, i, code)
+    """Note a stroke of row i, and in a match the score before the rally that it ends."""
+    if tape.used[i] < tape.code.shape[1]:
+        tape.code[i, tape.used[i]] = code
+    if matches is not None and outcome < OPEN and tape.used[i] < tape.code.shape[1]:
+        points = matches.points[i, 0] | matches.points[i, 1] << 8
+        tape.score[i, tape.used[i]] = points | matches.games[i, 0] << 16 | matches.games[i, 1] << 24
+    tape.used[i] += 1
 
 
 @inlined
@@ -319,16 +322,13 @@ def _step(
         if opponents is not None and core.with_recovery(tables):
             _decide(tables, opponents, part, first, ranks, places, block)
         for j in range(size):
-            s, legal = part.state[j], core.legal_strokes(tables, part.state[j])
-            core.put_stroke(tables, block, j, legal, ranks[j], part.striker[j])
+            core.put_stroke(tables, block, j, core.legal_strokes(tables, part.state[j]), ranks[j], part.striker[j])
             block.place[j] = places[j]
-            if tape is not None:
-                opponent = 0 if opponents is None else opponents.opponent[first + j]
-                work.code[j] = code_of(tables, s, legal, ranks[j], places[j], part.striker[j], opponent)
         play(tables, part, block)
         if tape is not None:
             for j in range(size):
-                _note(matches, tape, first + j, work.code[j], block.outcome[j])
+                opponent = 0 if opponents is None else opponents.opponent[first + j]
+                _note(matches, tape, first + j, _code_of(block, j, part.striker[j] ^ 1, opponent), block.outcome[j])
         if opponents is not None:
             _count(tables, rows, matches, opponents, tape, work, first, results)
         else:
@@ -420,7 +420,7 @@ class RallyBatch:
         self.joint = game.hides and opponents is None
         self._other = (1 - self.opponents.seat) if self.n_opponents else np.full(batch, -1, np.int8)
         self._learns = None if opponents is None else self.opponents
-        self.tape = new_tape(batch) if record else None
+        self.tape = new_tape(batch, scored=self.matches is not None) if record else None
         self.reset(seed)
 
     def __len__(self) -> int:
@@ -482,12 +482,12 @@ class RallyBatch:
         """
         if self.tape is None or not len(rows):
             return
-        code = CUT | np.uint64(reason << 20) | self.opponents.seat[rows].astype(np.uint64) << np.uint64(19)
-        code |= self.opponents.opponent[rows].astype(np.uint64) << np.uint64(24)
+        at = rows, self.tape.used[rows]
+        what = reason | self.opponents.seat[rows].astype(np.uint64) << 7 | self.opponents.opponent[rows].astype(np.uint64) << 8
+        self.tape.code[at] = CUT | what << 32
         if self.matches is not None:
-            score = np.hstack([self.matches.points[rows], self.matches.games[rows]]).astype(np.uint64)
-            code |= (score << np.array([32, 40, 48, 56], np.uint64)).sum(axis=1, dtype=np.uint64)
-        self.tape.code[rows, self.tape.used[rows]] = code
+            score = np.hstack([self.matches.points[rows], self.matches.games[rows]]).astype(np.uint32)
+            self.tape.score[at] = (score << np.arange(0, 32, 8, dtype=np.uint32)).sum(axis=1, dtype=np.uint32)
         self.tape.used[rows] += 1
         self.rows.live[rows] = False
 

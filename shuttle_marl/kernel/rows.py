@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools
+from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U32, U64, Bools
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.base.errors import whole_number
 from shuttle_marl.game.draws import POSITION_SHIFT
@@ -43,42 +43,29 @@ class Tape(NamedTuple):
     """Strokes that were played since it was read, of each of B rows, if they are recorded.
 
     Attributes:
-        code: ``[B, n]`` uint64 each stroke: catalogue index in the bits 0 to 10, position of the receiver 11 to 14, whether the
-            striker was hurried 15, outcome 16 to 18, seat 19, opponent of the learner 24 to 31, and at the end of a
-            rally of a match the score before it, from bit 32 on, 8 bits each: points of both seats, games of both seats. Or the
-            end of a rally that was cut off: :data:`CUT`, its reason 20 to 22, seat and score. ``[0, 0]``: not recorded.
+        code: ``[B, n]`` uint64 each stroke: the state that it leads to, contact below and not hurried, in the bits 0 to 31,
+            outcome 32 to 34, number of the receiver's position 35 to 38, seat 39, opponent of the learner 40 to 47. Or the end
+            of a rally that was cut off: :data:`CUT`, its reason 32 to 34, seat and opponent.
+        score: ``[B, n]`` uint32 at the end of a rally of a match the score before it, 8 bits each: points of both seats, games of
+            both seats. ``[B, 0]`` for rallies alone.
         used: ``[B]`` number of strokes; beyond n they are lost.
     """
 
     code: U64
+    score: U32
     used: I32
 
 
-CUT: Final = np.uint64(1 << 23)
+CUT: Final = np.uint64(1 << 48)
 """Bit of a note that is no stroke, but the end of a rally."""
 _NOTES: Final = 61  # no power of two, so that rows do not compete for the same cache lines
-_ALL_NOTES: Final = 1 << 15  # at least, in all rows: a reading costs some time for each call
+_ALL_NOTES: Final = 1 << 17  # at least, in all rows: a reading costs some time for each call
 
 
-def new_tape(batch: int) -> Tape:
+def new_tape(batch: int, *, scored: bool) -> Tape:
     """An empty tape; it is to be read before half of it is full, because the rows may play several strokes in a step."""
-    return Tape(np.zeros((batch, max(_NOTES, _ALL_NOTES // batch | 1)), np.uint64), np.zeros(batch, np.int32))
-
-
-@inlined
-def code_of(tables: Tables, s: int, legal: core.Legal, k: int, place: int, seat: int, opponent: int) -> np.uint64:
-    """What is known of the k-th legal stroke of a state before it is decided, for :func:`note`."""
-    code = np.uint64(core.stroke_of(tables, legal, k)) | np.uint64(core.position_at(tables, s, place)) << np.uint64(11)
-    code |= np.uint64(core.hurried_in(s)) << np.uint64(15) | np.uint64(seat) << np.uint64(19)
-    return np.uint64(code | np.uint64(opponent) << np.uint64(24))
-
-
-@inlined
-def note(tape: Tape, i: int, code: np.uint64) -> None:
-    """Note a stroke of row i."""
-    if tape.used[i] < tape.code.shape[1]:
-        tape.code[i, tape.used[i]] = code
-    tape.used[i] += 1
+    notes = max(_NOTES, _ALL_NOTES // batch | 1)
+    return Tape(np.zeros((batch, notes), np.uint64), np.zeros((batch, notes * scored), np.uint32), np.zeros(batch, np.int32))
 
 
 class Serving(NamedTuple):

@@ -1,20 +1,25 @@
 """The rallies that a batch has played, from the notes of its strokes."""
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import I8, I32, I64, U8, U16, U32
+from shuttle_marl.base.arrays import I8, I32, I64, U8, U16, U32, U64, UInts
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.rally import Rallies, stroke_dtype
 from shuttle_marl.game.rules import ABANDONED, ILLEGAL_POSITION, NOBODY, RETURNED_BELOW, WINNER
-from shuttle_marl.kernel.core import KernelError, int64
+from shuttle_marl.kernel import core
+from shuttle_marl.kernel.core import LOW_8, KernelError, Tables, int64
 from shuttle_marl.kernel.rally import RallyBatch
-from shuttle_marl.kernel.rows import CUT, Tape
+from shuttle_marl.kernel.rows import CUT, Tape, new_tape
 
 _MOST_OPPONENTS: Final = 256
+_LOW_3: Final = np.uint64(7)
+_LOW_4: Final = np.uint64(15)
+_LOW_32: Final = np.uint64(2**32 - 1)
 
 
 class _Numbers(NamedTuple):
@@ -26,12 +31,11 @@ class _Numbers(NamedTuple):
 
 
 class _Read(NamedTuple):
-    """Columns of :class:`~shuttle_marl.game.rally.Rallies`, with room to spare; ``opponent`` is their number."""
+    """Columns of :class:`~shuttle_marl.game.rally.Rallies`, with room to spare."""
 
     match: U32
     rally: U16
-    learner: U8
-    opponent: U8
+    policy: U16
     server: U8
     winner: U8
     reason: U8
@@ -39,64 +43,74 @@ class _Read(NamedTuple):
     length: I32
     episode: U32
     ending: U8
-    stroke: U16
+    stroke: UInts
     hurried: U8
     waited: I8
 
 
 @compiled
-def _read(tape: Tape, learners: I8, numbers: _Numbers, matches: int, out: _Read) -> tuple[int, int, int]:
-    """Write the rallies that have ended, and keep the notes after them; returns the numbers of rallies, strokes and matches.
+def _read(
+    tables: Tables, tape: Tape, kept: U64, ahead: I32, learners: I8, numbers: _Numbers, matches: int, out: _Read
+) -> tuple[int, int, int]:
+    """Write the rallies that have ended, keep the notes after them, and empty the tape.
 
     Args:
+        kept: ``[B, m]`` notes of rallies that had not ended at the last reading, of each row ``ahead`` ``[B]``.
         learners: ``[B]`` seats of the learners; -1: both seats are theirs.
         matches: number of matches so far.
+
+    Returns:
+        Numbers of rallies, strokes, and matches so far.
     """
     rallies = strokes = 0
     for i in range(tape.used.size):
-        code, first, begin, own = tape.code[i], 0, strokes, False
-        for j in range(tape.used[i]):
-            note = code[j]
-            outcome, seat, cut = (note >> np.uint64(16)) & np.uint64(7), (note >> np.uint64(19)) & np.uint64(1), note & CUT
+        seat, first, begin, own, s, ending = learners[i], 0, strokes, False, 0, 0
+        for j in range(ahead[i] + tape.used[i]):
+            note = np.uint64(kept[i, j] if j < ahead[i] else tape.code[i, j - ahead[i]])
+            outcome, striker = int64((note >> np.uint64(32)) & _LOW_3), int64((note >> np.uint64(39)) & np.uint64(1))
+            cut = note & CUT != 0
+            if j == first:
+                server = striker
             if not cut:
-                out.stroke[strokes] = note & np.uint64(2047)
-                out.waited[strokes] = (note >> np.uint64(11)) & np.uint64(15)
-                out.hurried[strokes] = (note >> np.uint64(15)) & np.uint64(1)
+                arrival = int64(note & _LOW_32)
+                out.stroke[strokes] = tables.incoming[core.base_of(tables, arrival) >> np.uint64(2)]
+                out.waited[strokes] = core.position_at(tables, s, int64((note >> np.uint64(35)) & _LOW_4))
+                out.hurried[strokes] = core.hurried_in(s)
                 strokes += 1
-                own |= (learners[i] < 0) | (int64(seat) == learners[i])
+                own |= (seat < 0) | (striker == seat)
+                s, ending = core.next_state(arrival, outcome), outcome
                 if outcome >= RETURNED_BELOW:
                     continue
-            reason = int64((note >> np.uint64(20)) & np.uint64(7)) if cut else int64(outcome)
-            score = note >> np.uint64(32)
+            score = tape.score[i, j - ahead[i]] if tape.score.shape[1] else np.uint32(0)
             if score == 0:
                 numbers.episodes[i] += 1
                 numbers.rally[i] = 0
                 numbers.match[i] = matches
                 matches += 1
-            loser = max(learners[i], 0) if cut else int64(seat) ^ (reason == WINNER)
+            loser = max(seat, 0) if cut else striker ^ (outcome == WINNER)
             r = rallies
             out.match[r], out.rally[r] = numbers.match[i], numbers.rally[i]
-            out.learner[r], out.opponent[r] = max(learners[i], 0), (note >> np.uint64(24)) & np.uint64(255)
-            out.server[r] = (code[first] >> np.uint64(19)) & np.uint64(1)
-            out.winner[r] = NOBODY if reason > ILLEGAL_POSITION else 1 - loser
-            out.reason[r] = reason
+            out.policy[r, :] = 1 + ((note >> np.uint64(40)) & LOW_8)
+            out.policy[r, max(seat, 0)] = 0
+            out.server[r], out.reason[r] = server, outcome
+            out.winner[r] = NOBODY if outcome > ILLEGAL_POSITION else 1 - loser
             for k in range(4):
-                out.score[r, k] = (score >> np.uint64(8 * k)) & np.uint64(255)
+                out.score[r, k] = (score >> np.uint32(8 * k)) & np.uint32(255)
             out.length[r] = strokes - begin
             out.episode[r] = i + tape.used.size * (numbers.episodes[i] - 1)
-            before = code[j - 1] if strokes > begin else np.uint64(0)
-            out.ending[r] = ((before if cut else note) >> np.uint64(16)) & np.uint64(7)
+            out.ending[r] = ending
             numbers.rally[i] += 1
-            if own or reason != ABANDONED:
+            if own or outcome != ABANDONED:
                 rallies += 1
             else:
                 strokes = begin
-            first, begin, own = j + 1, strokes, False
+            first, begin, own, s, ending = j + 1, strokes, False, 0, 0
         strokes = begin
-        left = tape.used[i] - first
+        left = ahead[i] + tape.used[i] - first
         for j in range(left):
-            code[j] = code[first + j]
-        tape.used[i] = left
+            kept[i, j] = kept[i, first + j] if first + j < ahead[i] else tape.code[i, first + j - ahead[i]]
+        ahead[i] = left
+        tape.used[i] = 0
     return rallies, strokes, matches
 
 
@@ -109,19 +123,33 @@ class TapeReader:
     Args:
         add: is given the rallies.
         finish: is called at the end.
+        thread: whether the rallies are read in a thread, beside what is played next.
 
     Raises:
         OptionError: more than 256 opponents.
     """
 
-    def __init__(self, batch: RallyBatch, add: Callable[[Rallies], None], finish: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self,
+        batch: RallyBatch,
+        add: Callable[[Rallies], None],
+        finish: Callable[[], None] = lambda: None,
+        *,
+        thread: bool = False,
+    ) -> None:
         if batch.n_opponents > _MOST_OPPONENTS:
             raise OptionError(f"{batch.n_opponents} opponents: up to {_MOST_OPPONENTS} can be recorded")
+        assert batch.tape is not None
         self._batch, self._add, self._finish, self._matches = batch, add, finish, 0
+        self._thread = ThreadPoolExecutor(1, "reading a tape") if thread else None
+        self._reading: Future[None] | None = None
+        self._other = new_tape(len(batch), scored=batch.matches is not None)  # that which is being read, or was
         self._begin(0)
 
     def _begin(self, seed: int) -> None:
-        self._seed, self._numbers = seed, _Numbers(*np.zeros((3, len(self._batch)), np.int64))
+        size = len(self._batch)
+        self._seed, self._numbers = seed, _Numbers(*np.zeros((3, size), np.int64))
+        self._kept, self._ahead = np.empty((size, 0), np.uint64), np.zeros(size, np.int32)
         assert self._batch.tape is not None
         self._batch.tape.used[:], self._batch.rows.live[:] = 0, False
 
@@ -134,51 +162,59 @@ class TapeReader:
     def close(self) -> None:
         """Read the rest, and finish."""
         self.reseed(0)
+        if self._thread is not None:
+            self._thread.shutdown()
         self._finish()
 
     def step(self) -> None:
-        """Read the tape if it is half full; it becomes longer if that is of rallies that continue."""
-        tape = self._batch.tape
-        assert tape is not None
-        if 2 * int(tape.used.max()) >= tape.code.shape[1]:
-            self.read()
-            if 4 * int(tape.used.max()) >= tape.code.shape[1]:
-                longer = np.empty((len(tape.used), 2 * tape.code.shape[1]), np.uint64)
-                longer[:, : tape.code.shape[1]] = tape.code
-                self._batch.tape = tape._replace(code=longer)
-
-    def read(self) -> None:
-        """Hand on the rallies that have ended.
+        """Read the tape if it is half full.
 
         Raises:
             KernelError: a row played more strokes in one step than the tape has room for.
         """
-        batch, tape, game = self._batch, self._batch.tape, self._batch.game
+        tape = self._batch.tape
         assert tape is not None
-        if tape.used.max() > tape.code.shape[1]:
-            raise KernelError(f"{tape.used.max()} strokes of a row between two readings, and room for {tape.code.shape[1]}")
-        most = int(tape.used.sum())
-        room = {
-            **dict.fromkeys(("match", "episode"), np.uint32),
-            **dict.fromkeys(("rally", "stroke"), np.uint16),
-            **dict.fromkeys(("learner", "opponent", "server", "winner", "reason", "ending", "hurried"), np.uint8),
-        }
-        columns: dict[str, Any] = {name: np.empty(most, kind) for name, kind in room.items()}
-        columns |= {"score": np.empty((most, 4), np.uint8), "length": np.empty(most, np.int32), "waited": np.empty(most, np.int8)}
-        out = _Read(**columns)
-        learners = batch.opponents.seat if batch.n_opponents else np.full(len(batch), -1, np.int8)
-        rallies, strokes, self._matches = _read(tape, learners, self._numbers, self._matches, out)
-        if not rallies:
+        if 2 * int(tape.used.max()) < tape.code.shape[1]:
             return
-        columns = {name: column[:rallies] for name, column in columns.items()}
-        others, learner = 1 + columns.pop("opponent").astype(np.uint16), columns.pop("learner")
-        columns |= {"stroke": out.stroke[:strokes].astype(stroke_dtype(game.n_strokes)), "hurried": out.hurried[:strokes]}
-        columns |= {"waited": out.waited[:strokes], "seed": np.full(rallies, self._seed, np.uint64)}
-        self._add(
-            Rallies.of(
-                game,
-                pairing=np.zeros(rallies, np.uint32),
-                policy=np.where(learner[:, None] == [0, 1], np.uint16(0), others[:, None]),
-                **columns,
-            )
-        )
+        if self._thread is None:
+            self._read(tape)
+            return
+        self._wait()
+        self._batch.tape, self._other = self._other, tape
+        self._reading = self._thread.submit(self._read, tape)
+
+    def read(self) -> None:
+        """Hand on all rallies that have ended, before this returns."""
+        self._wait()
+        assert self._batch.tape is not None
+        self._read(self._batch.tape)
+
+    def _wait(self) -> None:
+        reading, self._reading = self._reading, None
+        if reading is not None:
+            reading.result()
+
+    def _read(self, tape: Tape) -> None:
+        batch, game, most = self._batch, self._batch.game, int(tape.used.max())
+        if most > tape.code.shape[1]:
+            raise KernelError(f"{most} strokes of a row between two readings, and room for {tape.code.shape[1]}")
+        longest = most + int(self._ahead.max())
+        if longest > self._kept.shape[1]:
+            self._kept = np.pad(self._kept, ((0, 0), (0, longest - self._kept.shape[1])))
+        room = int(tape.used.sum()) + int(self._ahead.sum())
+        kinds: dict[str, Any] = {
+            **dict.fromkeys(("match", "episode"), np.uint32),
+            **dict.fromkeys(("rally", "policy"), np.uint16),
+            **dict.fromkeys(("server", "winner", "reason", "score", "ending", "hurried"), np.uint8),
+            **{"length": np.int32, "stroke": stroke_dtype(game.n_strokes), "waited": np.int8},
+        }
+        width = {"policy": (2,), "score": (4,)}
+        out = _Read(**{name: np.empty((room, *width.get(name, ())), kind) for name, kind in kinds.items()})
+        learners = batch.opponents.seat if batch.n_opponents else np.full(len(batch), -1, np.int8)
+        rest = self._kept, self._ahead, learners, self._numbers, self._matches, out
+        rallies, strokes, self._matches = _read(core.tables_of(game), tape, *rest)
+        if rallies:
+            per_stroke = {"stroke", "hurried", "waited"}
+            columns = {name: column[: strokes if name in per_stroke else rallies] for name, column in out._asdict().items()}
+            columns |= {"pairing": np.zeros(rallies, np.uint32), "seed": np.full(rallies, self._seed, np.uint64)}
+            self._add(Rallies.of(game, **columns))

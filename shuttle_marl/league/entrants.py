@@ -21,7 +21,6 @@ from shuttle_marl.kernel.matches import ask, ask_position
 from shuttle_marl.policy import baselines, registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording import Sampling
 
 MOST_MATCHES: Final = 10_000_000  # largest number of matches of a pairing, whose rallies are held in memory until it is finished
 _OWN_PLAYERS: Final = 6  # number of individual players in the default pool; ``--pool`` takes any number
@@ -61,8 +60,8 @@ class LeagueConfig:
     """Continue the unfinished run in --out, or else the latest one of this seed."""
     overwrite: bool = False
     """Replace the run in --out."""
-    record: str = "all"
-    """Recorded rallies: all, none, or sample:N for one match in N, drawn at random."""
+    record: Literal["all", "none"] = "all"
+    """Recorded rallies."""
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
@@ -85,7 +84,6 @@ class LeagueConfig:
     """Seconds that a program may take for one stroke before it forfeits; 0 for no limit."""
 
     def __post_init__(self) -> None:
-        Sampling.parse(self.record)
         check_bounds(self, LeagueError)
         if self.matches % 2:
             raise LeagueError(f"--matches {self.matches}: expected an even number")

@@ -22,7 +22,6 @@ from shuttle_marl.league.assessment import Assessment, MetaGame
 from shuttle_marl.league.entrants import PAIRINGS, REPORT, Format, LeagueConfig, LeagueError
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.tournament import PairResult
-from shuttle_marl.recording import Sampling
 from shuttle_marl.reports import charts
 from shuttle_marl.reports.html import Cell, Column, Table, interval, name, number, percent, render, table
 
@@ -152,7 +151,6 @@ def page(
     """
     played = [result for result in results if not result.forfeit]
     order = [assessment.names.index(s.player) for s in standings]
-    every = Sampling.parse(config.record).every
     return render(
         __package__,
         "tournament.html.j2",
@@ -165,10 +163,10 @@ def page(
         payoffs=_payoffs([s.player for s in standings], assessment.win[order][:, order]),
         games=_meta_games(assessment.games),
         cycles=_cycles(assessment),
-        recorded_every=every,
+        recorded=config.record == "all",
         logs=[*logs.values()],
         files=(REPORT, PAIRINGS, "results.csv"),
-        pairings=_pairings(results, logs, numbered=every == 1),
+        pairings=_pairings(results, logs, numbered=config.record == "all"),
         forfeits=table([result for result in results if result.forfeit], _FORFEITS),
     )
 

@@ -31,8 +31,7 @@ from shuttle_marl.league.page import page
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table, unknown
 from shuttle_marl.league.tournament import Pairing, PairResult, Tournament, stages
 from shuttle_marl.policy.foreign import source_hashes, time_limit
-from shuttle_marl.recording import LogHeader, Pair, Player, RallyLog, RallyRecorder, Sampling
-from shuttle_marl.recording.recorder import rallies_of_pairings
+from shuttle_marl.recording import LogHeader, Pair, Player, RallyLog, RallyRecorder
 from shuttle_marl.recording.recorder import resume as resume_log
 
 PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard", "matplotlib", "jinja2")
@@ -168,7 +167,6 @@ class _Run:
             seed=config.seed,
             batch=config.batch,
             keep_strokes=recorder is not None,
-            sample=None if recorder is None else recorder.sample,
             rules=RULES[config.rules],
             workers=config.workers,
             cluster=self.cluster,
@@ -207,15 +205,10 @@ class _Run:
 
     def recorder(self, known: Sequence[Sequence[Pairing]]) -> RallyRecorder | None:
         """The recorder of the last stage in ``known``; None if nothing remains to be recorded."""
-        every = Sampling.parse(self.config.record).every
-        if not every or (len(self.results) > known[-1][-1].number and self.has_log(known)):
+        if self.config.record == "none" or (len(self.results) > known[-1][-1].number and self.has_log(known)):
             return None
         path = self.folder / log_name(len(known) - 1)
-        if every == 1:
-            recorded = self.played_in(known[-1])
-        else:
-            recorded = rallies_of_pairings(path, min(len(self.results), known[-1][-1].number + 1))
-        return RallyRecorder(resume_log(path, self.header(known), recorded))
+        return RallyRecorder(resume_log(path, self.header(known), self.played_in(known[-1])))
 
     def played_in(self, stage: Sequence[Pairing]) -> int:
         """Number of the rallies of the finished pairings of a stage."""
@@ -227,7 +220,7 @@ class _Run:
         path = self.folder / log_name(len(known) - 1)
         if path.exists():
             with RallyLog(path) as log:
-                whole = Sampling.parse(self.config.record).every != 1 or log.n_rallies == self.played_in(known[-1])
+                whole = log.n_rallies == self.played_in(known[-1])
                 expected = self.header(known)
                 if not whole or dataclasses.replace(log.header, software=expected.software) != expected:
                     told = "is the log of another run; restore it, or play the tournament again with --overwrite"
@@ -244,7 +237,6 @@ class _Run:
             policies=tuple(Player(name=entrant.name, hash=entrant.hash) for entrant in self.entrants),
             pairings=tuple(pairing.key for pairings in known for pairing in pairings),
             rules=RULES[config.rules],
-            record=config.record,
             columns=columns_of(self.game),
             pair=Pair.of(self.game),
         )

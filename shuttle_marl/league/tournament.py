@@ -268,7 +268,6 @@ class Tournament:
     seed: int
     batch: int = 8192  # number of matches that are played in one batch
     keep_strokes: bool = False  # whether rallies are returned, with their strokes; else only the results are
-    sample: Callable[[Rallies], Rallies] | None = None  # selects the rallies that are returned; None: all
     rules: Rules = BWF
     workers: int = 1  # number of threads that play pairings of tables; compiled code does not hold the interpreter's lock
     cluster: Cluster | None = None  # plays them instead of threads; policies without a table play in this process
@@ -341,7 +340,7 @@ class Tournament:
             for pairing, begin, end in zip(group, bounds[:-1], bounds[1:], strict=True):
                 part = rallies.slice(int(begin), int(end))
                 result = tally(pairing, part, pairing.entrants[0])
-                recorded = [] if not self.keep_strokes else [part if self.sample is None else self.sample(part)]
+                recorded = [part] if self.keep_strokes else []
                 before = blocks.get(pairing)
                 blocks[pairing] = (before[0] + result, [*before[1], *recorded]) if before else (result, recorded)
         return list(blocks.values())

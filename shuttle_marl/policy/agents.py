@@ -131,6 +131,8 @@ def _shipped(key: str, game: Game) -> dict[str, Path]:
     model = folder_of(game)
     if model is None:
         return {}
-    places = (model / AGENTS, model / AGENTS / RECOVERY)[: 1 + game.hides]
+    places = [model / AGENTS]
+    if game.hides:
+        places.append(model / AGENTS / RECOVERY)
     folders = [path.parent for place in places for path in sorted(place.glob(f"*/{CARD}"))]
     return {folder.name.replace("-", ":", 1): folder for folder in folders if folder.name.partition("-")[0] == key}

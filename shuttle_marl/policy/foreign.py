@@ -1,4 +1,4 @@
-"""User policies: Python code ``module:attribute``, and programs ``program:COMMAND`` under a time limit.
+"""User policies: Python code ``module:attribute``; and the time limit of programs (:mod:`shuttle_marl.policy.programs`).
 
 Code in this process cannot be stopped safely, so a policy that may hang plays as a program. By the hashes of user code, a resumed
 run does not mix the results of two versions.
@@ -10,7 +10,6 @@ import dataclasses
 import hashlib
 import importlib
 import inspect
-import json
 import math
 import operator
 import shlex
@@ -20,18 +19,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
-from shuttle_marl.base.arrays import F64, Floats
+from shuttle_marl.base.arrays import Floats
 from shuttle_marl.base.errors import described, did_you_mean
-from shuttle_marl.base.programs import Program, ProgramError, ProgramTimeoutError
 from shuttle_marl.game.policy import Policy, PolicyError, States
-from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
 
 PACKAGE: Final = Path(__file__).parents[1]
-PROTOCOL: Final = 1  # version of the messages to programs
-_AHEAD: Final = 64  # number of decisions that are sent before their answers are read, so few that all answers fit into a pipe
 
 
 class ModuleMissingError(PolicyError):
@@ -151,105 +144,6 @@ def time_limit(seconds: float) -> Iterator[None]:
 def current_limit() -> float:
     """Time limit of the current context [s]; 0 without one."""
     return _seconds.get()
-
-
-class ProgramPolicy:
-    """A program in any language that chooses every stroke, ``program:COMMAND``.
-
-    The program is started without a shell on first use and reads lines from its standard input. The first line describes the
-    game; every other line is a decision, which it answers with one line, in order:
-
-        {"type": "game", "protocol": 1, "game": "9055…", "strokes": ["short-serve:…", …]}
-        {"type": "stroke", "id": 7, "own": null, "incoming": "clear:…", "contact": "above", "hurried": false, "duel": 0,
-         "effort": [0, 1], "score": [11, 9, 0, 1], "legal": ["smash:…", …]}
-
-        {"id": 7, "stroke": "smash:…"}
-        {"id": 7, "probabilities": {"smash:…": 0.7, "clear:…": 0.3}}
-
-    ``own`` and ``incoming`` are strokes or null; ``hurried`` says whether the striker is late or stretched; ``effort`` is that of
-    the striker and of the opponent; ``score`` is the striker's points, the opponent's points, the striker's games, the opponent's
-    games, or null outside of a match. Decisions come in batches from many matches at once. A program that exits, gives an invalid
-    answer, or exceeds the time limit for a stroke is killed and not asked again.
-
-    Args:
-        command: program and arguments in shell syntax; no shell is started.
-        seconds: time limit for each stroke; 0 for no limit.
-
-    Raises:
-        PolicyError: the command is empty or has an unclosed quote.
-    """
-
-    reads_score: Final = True
-
-    def __init__(self, command: str, game: Game, seconds: float) -> None:
-        try:
-            self._program = Program(command, seconds)
-        except ProgramError as error:
-            raise PolicyError(f"policy program:{command}: {error}, as in program:./player") from error
-        self._game = game
-        self._index = {name: i for i, name in enumerate(game.catalogue.names)}
-        self._sent = 0
-
-    def probabilities(self, states: States) -> F64:
-        """``[B, n]`` probabilities of the answers; 1 for a stroke that the program names.
-
-        Raises:
-            PolicyError: the program cannot be started, exited, timed out, or gave an invalid answer.
-        """
-        found = np.zeros((len(states), self._game.n_strokes))
-        try:
-            if not self._program.started:
-                strokes = list(self._game.catalogue.names)
-                self._send([{"type": "game", "protocol": PROTOCOL, "game": self._game.hash, "strokes": strokes}])
-            for first in range(0, len(states), _AHEAD):
-                rows = range(first, min(first + _AHEAD, len(states)))
-                self._send([self._decision(states, row) for row in rows])
-                for row in rows:
-                    self._read(found[row], self._sent - len(rows) + (row - first))
-        except ProgramError as error:
-            hint = "; --policy-timeout gives more time" if isinstance(error, ProgramTimeoutError) else ""
-            raise PolicyError(f"{error}{hint}") from error
-        return found
-
-    def close(self) -> None:
-        """Kill the program."""
-        self._program.close()
-
-    def _decision(self, states: States, row: int) -> dict[str, Any]:
-        names, n = self._game.catalogue.names, self._game.n_strokes
-        state = int(states.state[row])
-        own, incoming = int(states.own[row]), int(states.incoming[row])
-        self._sent += 1
-        return {
-            "type": "stroke",
-            "id": self._sent - 1,
-            "own": None if own == n else names[own],
-            "incoming": None if incoming == n else names[incoming],
-            "contact": HEIGHTS[int(states.contact[row])],
-            "hurried": bool(states.hurried[row]),
-            "duel": int(states.duel[row]),
-            "effort": [int(states.effort[row]), int(states.opponent_effort[row])],
-            "score": None if states.score is None else states.score[row].tolist(),
-            "legal": [names[k] for k in self._game.legal_strokes(state)],
-        }
-
-    def _send(self, messages: list[dict[str, Any]]) -> None:
-        self._program.write(b"".join(json.dumps(message).encode() + b"\n" for message in messages))
-
-    def _read(self, probability: F64, number: int) -> None:
-        line = self._program.read_line()
-        try:
-            answer = json.loads(line)
-            if answer["id"] != number:
-                raise self._program.failed(f"it answered {answer['id']!r:.40} where the answer to {number} was expected")
-            shares = answer["probabilities"] if "probabilities" in answer else {answer["stroke"]: 1.0}
-            for name, share in shares.items():
-                probability[self._index[name]] = share
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-            shown = line[:80].decode(errors="backslashreplace")
-            raise self._program.failed(
-                f"it answered {shown!r}; expected an id and a stroke or probabilities of strokes"
-            ) from error
 
 
 def source_hashes(name: str) -> dict[str, str]:

@@ -27,8 +27,9 @@ from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TabulatedP
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import agents, baselines, computed
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
-from shuttle_marl.policy.foreign import ModuleMissingError, ProgramPolicy, blaming, current_limit, from_module
+from shuttle_marl.policy.foreign import ModuleMissingError, blaming, current_limit, from_module
 from shuttle_marl.policy.plain_network import from_sb3, load_weights
+from shuttle_marl.policy.programs import ProgramPolicy
 
 Load = Callable[[str | None, Game], Policy]
 Names = Callable[[Game], Iterable[str]]

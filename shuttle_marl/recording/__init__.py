@@ -6,7 +6,7 @@ the format.
 """
 
 from shuttle_marl.game.rally import Rallies
-from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
+from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError
 from shuttle_marl.recording.log_file import recover
 from shuttle_marl.recording.reader import RallyLog, Replay, export, replay
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder
@@ -22,7 +22,6 @@ __all__ = [
     "RallyRecorder",
     "RecordingError",
     "Replay",
-    "Sampling",
     "export",
     "recover",
     "replay",

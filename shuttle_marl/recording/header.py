@@ -1,15 +1,14 @@
-"""Header of a rally log: game, policies, sampling of the rallies, and seed."""
+"""Header of a rally log: game, policies, and seed."""
 
 import dataclasses
 import json
-import re
 from typing import Final, Literal
 
 import msgspec
 import numpy as np
 
 from shuttle_marl import __version__
-from shuttle_marl.base.arrays import U64, Bools, Ints
+from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import seal, unsealed
 from shuttle_marl.game.draws import extend
@@ -24,7 +23,6 @@ VERSION: Final = 4  # version of the columns and the header of a log
 SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)  # rules of logs of single rallies: each is a match of one point
 
 MAX_NAME: Final = 1000  # limit of the names of policies and strokes [characters]: tables of rallies repeat them in every row
-_SAMPLE_KEY: Final = 0x53414D504C45  # key of the draws of the sample; "SAMPLE" in ASCII
 
 Draws = Literal["league", "rally_v0", "match_v0", "training", "unknown"]
 """Numbers from which the draws of a rally follow, with the seed.
@@ -85,50 +83,6 @@ class Pair:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Sampling:
-    """Random sample of the matches that are recorded.
-
-    Whole matches are sampled, so that their scores can be followed; matches that share their draws (two in a league, with swapped
-    seats) are sampled together. The sample depends on the seed, the pairing and the number of the match alone.
-
-    Attributes:
-        every: record one match in ``every``; 1: all, 0: none.
-    """
-
-    every: int = 1
-
-    @classmethod
-    def parse(cls, text: str) -> "Sampling":
-        """Parse ``all``, ``none``, or ``sample:N`` with N >= 1.
-
-        Raises:
-            RecordingError: anything else.
-        """
-        if text in ("all", "none"):
-            return cls(every=int(text == "all"))
-        found = re.fullmatch(r"sample:([1-9]\d{0,17})", text)
-        if found is None:
-            raise RecordingError(f"--record {text}: expected all, none, or sample:N to record one match in N")
-        return cls(every=int(found[1]))
-
-    def __str__(self) -> str:
-        return {0: "none", 1: "all"}.get(self.every, f"sample:{self.every}")
-
-    def of(self, header: "LogHeader", rallies: Rallies) -> Rallies:
-        """Rallies of the sample."""
-        return rallies if self.every == 1 else rallies.select(self.keeps(header, rallies.pairing, rallies.match))
-
-    def keeps(self, header: "LogHeader", pairing: Ints, match: Ints) -> Bools:
-        """``[R]`` whether matches are in the sample, by the number of their pairing and their number in it."""
-        if self.every <= 1:
-            return np.full(len(match), self.every == 1)
-        keys = np.array(header.pairings, dtype=np.uint64)[pairing]
-        drawn = draw_stream(header.seed, _SAMPLE_KEY, keys, match.astype(np.int64) // header.matches_per_draw)
-        chosen: Bools = drawn % np.uint64(self.every) == 0
-        return chosen
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class LogHeader:
     """Properties that all rallies of a log share.
 
@@ -140,11 +94,8 @@ class LogHeader:
         matches_per_draw: number of consecutive matches of a pairing with the same draws for rallies of equal number and server.
         rules: when games and matches are won.
         draws: numbers from which the draws of a rally follow, see :data:`Draws`.
-        record: sample of the matches, see :meth:`Sampling.parse`.
         columns: the columns of :data:`shuttle_marl.game.rally.OPTIONAL` in the log, in that order.
         pair: the players whose skill the seats have; None: both seats strike with the same tables.
-        part: number of this file in the log, from 0; equality ignores this field and the next.
-        first_rally: number of the first rally of this file.
 
     Raises:
         RecordingError: an invalid value.
@@ -158,12 +109,9 @@ class LogHeader:
     matches_per_draw: int = 2
     rules: Rules = BWF
     draws: Draws = "league"
-    record: str = "all"
     columns: tuple[str, ...] = ()
     pair: Pair | None = None
     software: str = f"shuttle_marl {__version__}"
-    part: int = dataclasses.field(default=0, compare=False)
-    first_rally: int = dataclasses.field(default=0, compare=False)
 
     def looks(self, seats: tuple[int, int]) -> Looks:
         """Hands and sexes of the policies at seats 0 and 1, by number; right-handed men where the game is of no shipped model."""
@@ -177,12 +125,10 @@ class LogHeader:
             raise RecordingError(f"strokes, policies and players: expected names of up to {MAX_NAME} characters")
         if self.columns != tuple(name for name in OPTIONAL if name in self.columns):
             raise RecordingError(f"columns {self.columns}: expected some of {OPTIONAL}, in that order")
-        for name, least, limit in (("matches_per_draw", 1, 1 << 32), ("part", 0, 1 << 31), ("first_rally", 0, 1 << 62)):
-            if not least <= getattr(self, name) < limit:
-                raise RecordingError(f"{name} {getattr(self, name)}: expected a number from {least} up to {limit}")
+        if not 1 <= self.matches_per_draw < 1 << 32:
+            raise RecordingError(f"matches_per_draw {self.matches_per_draw}: expected a number from 1 up to {1 << 32}")
         if not all(0 <= key < 1 << 64 for key in self.pairings):
             raise RecordingError("pairings: expected keys from 0 up to 2^64")
-        Sampling.parse(self.record)
 
     def rally_key(self, rallies: Rallies) -> U64:
         """``[R]`` key of the draws of each rally, see :mod:`shuttle_marl.game.draws`; the counter is the stroke, from 0."""

@@ -1,7 +1,7 @@
-"""One file of a rally log: batches of rallies, its MCAP records, and how it is read, written and recovered.
+"""The file of a rally log: batches of rallies, its MCAP records, and how it is read, written and recovered.
 
-The files are ``NAME.mcap``, and when that is full ``NAME.1.mcap``, ``NAME.2.mcap``, … A batch is one Arrow stream, the only
-message of a chunk; ``docs/rally_log.md`` specifies the format. Nothing is trusted before its checksum was verified.
+A batch is one Arrow stream, the only message of a chunk; ``docs/rally_log.md`` specifies the format. Nothing is trusted before
+its checksum was verified.
 """
 
 import contextlib
@@ -12,7 +12,6 @@ import io
 import itertools
 import mmap
 import os
-import re
 import struct
 import zlib
 from collections.abc import Iterator
@@ -242,11 +241,6 @@ def _stream(body: bytes) -> ReadDataStream:
     return ReadDataStream(io.BytesIO(body))
 
 
-def part_path(path: Path, number: int) -> Path:
-    """The file of part ``number`` of the log at ``path``."""
-    return path.with_name(f"{path.stem}.{number}{path.suffix}") if number else path
-
-
 def unfinished(path: Path) -> Path:
     """Name of a file until it is finished."""
     return path.with_name(f"{path.name}.part")
@@ -257,11 +251,9 @@ def set_aside(path: Path) -> Path:
     return path.with_name(f"{path.name}.part.old")
 
 
-def existing_parts(log: Path) -> list[int]:
-    """Numbers of the existing parts of a log, finished or not."""
-    name = re.compile(rf"{re.escape(log.stem)}(?:\.([1-9]\d{{0,8}}))?{re.escape(log.suffix)}(?:\.part(?:\.old)?)?")
-    paths = log.parent.iterdir() if log.parent.is_dir() else ()
-    return sorted({int(found[1] or 0) for path in paths if (found := name.fullmatch(path.name))})
+def files_of(log: Path) -> list[Path]:
+    """The existing files of a log: set aside by a killed resumption, finished, and unfinished."""
+    return [file for file in (set_aside(log), log, unfinished(log)) if file.exists()]
 
 
 @contextlib.contextmanager
@@ -309,11 +301,11 @@ def read_header(data: mmap.mmap) -> tuple[LogHeader, int]:
 
 
 class LogFile:
-    """A finished file of a rally log of B batches.
+    """A finished rally log of B batches.
 
     Attributes:
         size: length of the file [bytes].
-        first_rally: ``[B]`` int64 number of the first rally of each batch, counted from the start of the log.
+        first_rally: ``[B]`` int64 number of the first rally of each batch.
         rallies, strokes: ``[B]`` int64 numbers of them in each batch.
         first_match, last_match: ``[B]`` uint64 least and greatest 2^32 x pairing + match of each batch.
     """
@@ -330,7 +322,7 @@ class LogFile:
     @property
     def end(self) -> int:
         """Number of the last rally plus one."""
-        return int(self.first_rally[-1] + self.rallies[-1]) if len(self.rallies) else self.header.first_rally
+        return int(self.first_rally[-1] + self.rallies[-1]) if len(self.rallies) else 0
 
     def batch(self, i: int) -> tuple[int, Rallies]:
         """Number of the first rally, and the rallies, of the i-th batch."""
@@ -375,12 +367,12 @@ class LogFile:
         self.first_match: U64 = columns["first_match"]
         self.last_match: U64 = columns["last_match"]
         ends = self.first_rally + self.rallies
-        if (self.first_rally < np.r_[self.header.first_rally, ends[:-1]][: len(ends)]).any() or (self.rallies < 1).any():
+        if (self.first_rally < np.r_[0, ends[:-1]][: len(ends)]).any() or (self.rallies < 1).any():
             raise DamagedLogError("its index is out of order")
 
 
 class LogFileWriter:
-    """Writes one file of a log; each call passes what it writes to the operating system, or raises an OSError.
+    """Writes a log; each call passes what it writes to the operating system, or raises an OSError.
 
     Attributes:
         size: bytes written so far.
@@ -391,7 +383,7 @@ class LogFileWriter:
         """Write the header."""
         self._file = file
         self._index: list[tuple[int, ...]] = []
-        self.header, self.rallies = header, header.first_rally
+        self.header, self.rallies = header, 0
         self._mcap = Writer(file, chunk_size=1, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._mcap.start(profile=_PROFILE, library=header.software)
         self._mcap.add_metadata(_METADATA, header.to_metadata())
@@ -434,7 +426,7 @@ def salvage(path: Path) -> tuple[LogHeader, Iterator[tuple[int, bytes, Rallies]]
 
 
 def _whole_batches(found: Iterator[tuple[int, bytes]], header: LogHeader) -> Iterator[tuple[int, bytes, Rallies]]:
-    done = header.first_rally
+    done = 0
     with contextlib.suppress(DamagedLogError):  # the last record is cut off
         for opcode, body in found:
             if opcode != Opcode.CHUNK:
@@ -463,7 +455,7 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
     """Write a finished file with every undamaged batch of a damaged or unfinished one; ``source`` is not changed.
 
     Args:
-        source: a file of a log in any condition, ``FILE.part`` included.
+        source: a log in any condition, ``FILE.part`` included.
         target: the new file; must not exist. Default, in the same folder: ``FILE`` for ``FILE.part``, else
             ``NAME.recovered.mcap``.
 
@@ -509,5 +501,4 @@ def unfinished_files(path: Path) -> list[Path]:
     """Unfinished files of the logs in a folder, or of the log at a path."""
     if path.is_dir():
         return sorted(path.glob(f"*{unfinished(Path(SUFFIX)).name}"))
-    parts = [unfinished(part_path(path, number)) for number in existing_parts(path)]
-    return [part for part in parts if part.exists()]
+    return [unfinished(path)] if unfinished(path).exists() else []

@@ -1,10 +1,9 @@
-"""Read rally logs: a file with its further parts, or all logs of a folder, as one log or as tables, also in files; check them."""
+"""Read rally logs: a file, or all logs of a folder, as one log or as tables, also in files; check them."""
 
 import contextlib
 import dataclasses
 import functools
 import itertools
-import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -28,12 +27,11 @@ from shuttle_marl.game.rules import OUTCOMES, REASONS, WINNER
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import Game
-from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError, Sampling
-from shuttle_marl.recording.log_file import SUFFIX, LogFile, arrow_schema, existing_parts, from_arrow, part_path, to_arrow
+from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError
+from shuttle_marl.recording.log_file import SUFFIX, LogFile, arrow_schema, from_arrow, to_arrow
 
 _MOST_POLICIES: Final = 1 << 16
-_ENOUGH: Final = 20
-"""Rallies that two files share if they hold the same ones."""
+_ENOUGH: Final = 20  # rallies that two files share if they hold the same ones
 _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
     ".parquet": lambda file, schema: pyarrow.parquet.ParquetWriter(file, schema, **PARQUET),
     ".csv": pyarrow.csv.CSVWriter,
@@ -49,14 +47,14 @@ def is_log(path: Path) -> bool:
 class RallyLog:
     """All rallies of a file or a folder; a context manager that closes the files.
 
-    A file includes its further parts: ``rallies.mcap`` includes ``rallies.1.mcap``, and so on. A folder includes every rally log
-    directly in it, in the order of their names: rallies are numbered consecutively, and policies and pairings are merged. Of
-    two logs that hold the same rallies the larger one is read, with a warning. Unfinished files (``.part``) are ignored. A batch
-    that does not match its checksum or the index is a :class:`DamagedLogError` where it is read.
+    A folder includes every rally log directly in it, in the order of their names: rallies are numbered consecutively, and
+    policies and pairings are merged. Of two logs that hold the same rallies the larger one is read, with a warning. Unfinished
+    files (``.part``) are ignored. A batch that does not match its checksum or the index is a :class:`DamagedLogError` where it is
+    read.
 
     Attributes:
-        logs: offset of the numbers of the rallies, and files, of each log.
         files: all files, in order.
+        offsets: what is added to the numbers of the rallies of each file.
         policies: policies, by number.
         pairings: keys of the pairings, by number.
         catalogue: strokes, by number.
@@ -76,13 +74,10 @@ class RallyLog:
         self.path = path = Path(path)
         with contextlib.ExitStack() as opened:
             try:
-                logs = _open_folder(path, opened) if path.is_dir() else [_open_parts(path, opened)]
+                files = _open_folder(path, opened) if path.is_dir() else [opened.enter_context(contextlib.closing(LogFile(path)))]
             except OSError as error:
                 raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
-            # Parts of one log continue its numbers; logs follow each other.
-            ends = [max(file.end for file in log) for log in logs]
-            self.logs = tuple(zip(itertools.accumulate([0, *ends[:-1]]), logs, strict=True))
-            self.files = tuple(file for log in logs for file in log)
+            self.files, self.offsets = tuple(files), [*itertools.accumulate([0, *(file.end for file in files[:-1])])]
             self._merge()
             self.close = opened.pop_all().close
 
@@ -108,7 +103,7 @@ class RallyLog:
         at = int(np.searchsorted(self._first_batch, i, side="right")) - 1
         first, rallies = self.files[at].batch(i - int(self._first_batch[at]))
         policy, pairing = self._policy[at][rallies.policy], self._pairing[at][rallies.pairing]
-        return first + self._offsets[at], dataclasses.replace(rallies, policy=policy, pairing=pairing)
+        return first + self.offsets[at], dataclasses.replace(rallies, policy=policy, pairing=pairing)
 
     def rally(self, number: int) -> Rallies:
         """One rally by its number, as a single row.
@@ -142,16 +137,13 @@ class RallyLog:
             for i in self.batches_of_pairing(pairing, match, match).tolist():
                 first, rallies = self.batch(i)
                 if len(rows := np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match))):
-                    found.setdefault(self._offset_of(first), []).append(first + rows)
+                    found.setdefault(self.file_of(first), []).append(first + rows)
         if rally is not None:
-            found = {offset: parts for offset, parts in found.items() if offset == self._offset_of(rally)}
+            found = {file: parts for file, parts in found.items() if file == self.file_of(rally)}
         if len(found) > 1:
-            files = ", ".join(log[0].path.name for offset, log in self.logs if offset in found)
+            files = ", ".join(self.files[file].path.name for file in found)
             raise RecordingError(f"{self.path}: {files} have a match {match} of pairing {pairing} each; name one of these files")
         return np.concatenate([np.empty(0, dtype=np.int64), *itertools.chain(*found.values())])
-
-    def _offset_of(self, number: int) -> int:
-        return self._offsets[self.file_of(number)]
 
     def points_of_games(self, rally: int) -> dict[int, tuple[int, int]]:
         """Points of both seats after the last recorded rally of every game of a rally's match, by the number of the game."""
@@ -211,9 +203,8 @@ class RallyLog:
                 f"{self.path}: {len(self.policies):,} policies, more than {_MOST_POLICIES:,}; read fewer logs at once"
             )
         self.pairings: tuple[int, ...] = tuple(dict.fromkeys(k for file in self.files for k in file.header.pairings))
-        self._offsets = [offset for offset, files in self.logs for _ in files]
         self.size = sum(file.size for file in self.files)
-        self.first_rally = np.concatenate([file.first_rally + at for file, at in zip(self.files, self._offsets, strict=True)])
+        self.first_rally = np.concatenate([file.first_rally + at for file, at in zip(self.files, self.offsets, strict=True)])
         self.rallies = np.concatenate([file.rallies for file in self.files])
         self.strokes = np.concatenate([file.strokes for file in self.files])
         self.n_rallies, self.n_strokes = int(self.rallies.sum()), int(self.strokes.sum())
@@ -227,37 +218,21 @@ def _numbers(own: Sequence[object], merged: Sequence[object], kind: type[np.unsi
     return np.array([place[entry] for entry in own], dtype=kind)
 
 
-def _open_parts(path: Path, opened: contextlib.ExitStack) -> list[LogFile]:
-    """A file and the parts of the same log that follow it; ``opened`` closes them."""
-    files = [opened.enter_context(contextlib.closing(LogFile(path)))]
-    for number in existing_parts(path) if not files[0].header.part else ():
-        part = part_path(path, number)
-        if number and part.exists():
-            file = opened.enter_context(contextlib.closing(LogFile(part)))
-            if file.header.part == number and file.header == files[0].header:
-                files.append(file)
-    return files
-
-
-def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[list[LogFile]]:
-    logs: list[list[LogFile]] = []
-    # Further parts, NAME.1.mcap and so on, are sorted last, so those that belong to a log were opened with it.
-    for path in sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (bool(re.search(r"\.[1-9]\d{0,8}$", path.stem)), path.name)):
-        if not any(path == file.path for log in logs for file in log):
-            with contextlib.suppress(OtherFileError):  # such as a scene
-                parts = _open_parts(path, opened)
-                logs.append(parts)
-                for log in logs[:-1]:
-                    shared = _shared(log[0], parts[0]), _shared(parts[0], log[0])
-                    if any(each and all(each) for each in shared):
-                        left, kept = sorted((parts, log), key=lambda files: sum(int(file.rallies.sum()) for file in files))
-                        told = f"{left[0].path}: left out, because it holds the rallies of {kept[0].path.name}"
-                        warnings.warn(told, stacklevel=3)
-                        logs.remove(left)
-                        break
-                    if any(map(any, shared)):
-                        both = f"{log[0].path.name} and {path.name}"
-                        raise RecordingError(f"{folder}: {both} share some of their rallies; read them one by one")
+def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[LogFile]:
+    logs: list[LogFile] = []
+    for path in sorted(folder.glob(f"*{SUFFIX}")):
+        with contextlib.suppress(OtherFileError):  # such as a scene
+            logs.append(opened.enter_context(contextlib.closing(LogFile(path))))
+            for log in logs[:-1]:
+                shared = _shared(log, logs[-1]), _shared(logs[-1], log)
+                if any(each and all(each) for each in shared):
+                    left, kept = sorted((logs[-1], log), key=lambda file: int(file.rallies.sum()))
+                    warnings.warn(f"{left.path}: left out, because it holds the rallies of {kept.path.name}", stacklevel=3)
+                    logs.remove(left)
+                    break
+                if any(map(any, shared)):
+                    both = f"{log.path.name} and {path.name}"
+                    raise RecordingError(f"{folder}: {both} share some of their rallies; read them one by one")
     if not logs:
         raise RecordingError(f"{folder}: holds no rally log; name a file or a folder that does")
     return logs
@@ -426,7 +401,7 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
     require_game(log, game)
     rallies = strokes = 0
     wrong: list[int] = []
-    for file, offset in ((file, offset) for offset, files in log.logs for file in files):
+    for file, offset in zip(log.files, log.offsets, strict=True):
         names = [player.name for player in file.header.policies]
         chosen = {i: policies[name] for i, name in enumerate(names) if policies and name in policies}
         for i in range(len(file.rallies)):
@@ -496,10 +471,9 @@ def check(path: Path, game: Game | None = None) -> Checked:
     """
     with RallyLog(path) as log:
         problems: list[str] = []
-        for offset, files in log.logs:
-            for file in files:
-                file.check_data()
-            problems += _check_matches(files, offset)
+        for file, offset in zip(log.files, log.offsets, strict=True):
+            file.check_data()
+            problems += _check_matches(file, offset)
         if game is not None:
             wrong = replay(log, game).wrong
             if wrong:
@@ -507,30 +481,24 @@ def check(path: Path, game: Game | None = None) -> Checked:
         return Checked(rallies=log.n_rallies, strokes=log.n_strokes, replayed=game is not None, problems=tuple(problems))
 
 
-def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
-    """Check that every rally follows from the previous rally of its match, and that it belongs to the sample."""
-    header = files[0].header
-    sampling, matches = Sampling.parse(header.record), _Matches(header.rules)
-    problems = [f"{files[0].path.name} is part {header.part} of a log whose earlier parts are missing"] * bool(header.part)
+def _check_matches(file: LogFile, offset: int) -> list[str]:
+    """Check that every rally follows from the previous rally of its match."""
+    header, problems, number = file.header, list[str](), 0
+    matches = _Matches(header.rules)
     begun = [np.empty(0, np.uint64)]
-    number, matches.all_known = header.first_rally, header.first_rally == 0
-    for file in files:
-        for i in range(len(file.rallies)):
-            first, rallies = file.batch(i)
-            if first != number:
-                missing = f"{offset + number} to {offset + first - 1}"
-                problems.append(f"rallies {missing} are missing, before others of {file.path.name}")
-                # Later ones may belong to matches whose start was not seen.
-                matches.open_, matches.all_known = matches.open_[:0], False
-            number = first + len(rallies)
-            starts = rallies.rally == 0
-            begun.append(rallies.pairing[starts].astype(np.uint64) << np.uint64(32) | rallies.match[starts])
-            bad = np.flatnonzero(matches.breaks(rallies))
-            if len(bad):
-                problems.append(f"rally {offset + first + int(bad[0])} does not follow from the rally before it")
-            strange = np.flatnonzero(~sampling.keeps(header, rallies.pairing, rallies.match))
-            if len(strange):
-                problems.append(f"rally {offset + first + int(strange[0])} does not belong to {header.record}")
+    for i in range(len(file.rallies)):
+        first, rallies = file.batch(i)
+        if first != number:
+            missing = f"{offset + number} to {offset + first - 1}"
+            problems.append(f"rallies {missing} are missing, before others of {file.path.name}")
+            # Later ones may belong to matches whose start was not seen.
+            matches.open_, matches.all_known = matches.open_[:0], False
+        number = first + len(rallies)
+        starts = rallies.rally == 0
+        begun.append(rallies.pairing[starts].astype(np.uint64) << np.uint64(32) | rallies.match[starts])
+        bad = np.flatnonzero(matches.breaks(rallies))
+        if len(bad):
+            problems.append(f"rally {offset + first + int(bad[0])} does not follow from the rally before it")
     again, times = np.unique(np.concatenate(begun), return_counts=True)
     if (times > 1).any() and "seed" not in header.columns:
         pairing, match = divmod(int(again[times.argmax()]), 1 << 32)

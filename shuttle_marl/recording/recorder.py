@@ -1,4 +1,4 @@
-"""Write rally logs: in batches and files, resumed, or from a thread beside the program.
+"""Write rally logs: in batches, resumed, or from a thread beside the program.
 
 A file is written to ``FILE.part`` and moved to ``FILE`` when it is closed. After a kill, the log holds every rally that
 :meth:`RallyLogWriter.flush` counted; :func:`shuttle_marl.recording.recover` makes a finished file of them.
@@ -6,7 +6,6 @@ A file is written to ``FILE.part`` and moved to ``FILE`` when it is closed. Afte
 
 import contextlib
 import dataclasses
-import functools
 import os
 import time
 from collections import deque
@@ -23,8 +22,8 @@ from shuttle_marl.game.draws import pairing_key
 from shuttle_marl.game.rally import Rallies, columns_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import log_file
-from shuttle_marl.recording.header import LogHeader, Player, RecordingError, Sampling
-from shuttle_marl.recording.log_file import advice, encode, existing_parts, part_path, salvage, set_aside, unfinished
+from shuttle_marl.recording.header import LogHeader, Player, RecordingError
+from shuttle_marl.recording.log_file import advice, encode, files_of, salvage, set_aside, unfinished
 
 T = TypeVar("T")
 
@@ -57,33 +56,25 @@ class RallyLogWriter(LogContext):
         header: LogHeader,
         *,
         batch_rallies: int = 4096,
-        max_bytes: int = 1 << 30,
         fsync_seconds: float = 5.0,
-        leave_later: bool = False,
     ) -> None:
-        """Start a log, or continue with the part that the header names.
+        """Start a log.
 
         Args:
-            path: path of the finished log; no part of it may exist from that of the header on.
+            path: path of the finished log.
             batch_rallies: rallies per batch; fewer than about 1,024 are slow.
-            max_bytes: size at which a file is closed and the next part started.
             fsync_seconds: longest time between two calls of ``fsync``.
-            leave_later: allow later parts to exist; the caller, which resumes a log, deletes them.
 
         Raises:
             RecordingError: a file exists or cannot be created.
         """
-        if batch_rallies < 1 or max_bytes < 1:
-            raise RecordingError(f"batch_rallies {batch_rallies}, max_bytes {max_bytes}: expected 1 or more")
-        self.path = path = Path(path)
-        self.header = header
-        later = [number for number in existing_parts(path) if number > header.part]
-        if later and not leave_later:
-            first = part_path(path, later[0])
-            raise RecordingError(f"{first}: there is a part of a rally log already; delete it or choose another name")
-        self._batch_rallies, self._max_bytes, self._fsync_seconds = batch_rallies, max_bytes, fsync_seconds
+        if batch_rallies < 1:
+            raise RecordingError(f"batch_rallies {batch_rallies}: expected 1 or more")
+        self.path, self.header = Path(path), header
+        self._part = unfinished(self.path)
+        self._batch_rallies, self._fsync_seconds = batch_rallies, fsync_seconds
         self._waiting: list[Rallies] = []
-        self._open(header)
+        self._open()
 
     @property
     def rallies(self) -> int:
@@ -131,10 +122,6 @@ class RallyLogWriter(LogContext):
         if len(data) > log_file.MAX_CHUNK or len(rallies) > log_file.MAX_RALLIES or len(rallies.stroke) > log_file.MAX_STROKES:
             raise RecordingError(f"{self.path}: a batch of {len(rallies)} rallies is too large; choose fewer rallies per batch")
         with self._guarded():
-            # A full file is closed only when there are rallies for the next one, so that no part is empty.
-            if self._log.size >= self._max_bytes and self.rallies > self._log.header.first_rally:
-                self._finish()
-                self._open(dataclasses.replace(self.header, part=self._log.header.part + 1, first_rally=self.rallies))
             self._log.write(first, data, rallies)
             if time.monotonic() - self._synced > self._fsync_seconds:
                 self._sync()
@@ -144,16 +131,18 @@ class RallyLogWriter(LogContext):
         self.flush(sync=False)
         if not self._file.closed:
             with self._guarded():
-                self._finish()
+                self._log.finish()
+                self._sync()
+                self._file.close()
+                os.replace(self._part, self.path)
 
     def abort(self) -> None:
         """Stop writing and leave ``FILE.part`` behind, for :func:`shuttle_marl.recording.recover` or a resumed run."""
         with contextlib.suppress(OSError):  # it writes what an earlier error left in its buffer
             self._file.close()
 
-    def _open(self, header: LogHeader) -> None:
-        path = part_path(self.path, header.part)
-        part = unfinished(path)
+    def _open(self) -> None:
+        path, part = self.path, self._part
         try:
             if path.exists():
                 raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
@@ -164,7 +153,7 @@ class RallyLogWriter(LogContext):
         except (OSError, ValueError) as error:  # ValueError: an invalid file name
             raise RecordingError(f"{part}: cannot be written ({problem(error)})") from error
         try:
-            self._log = log_file.LogFileWriter(self._file, header)
+            self._log = log_file.LogFileWriter(self._file, self.header)
         except OSError as error:
             self.abort()
             part.unlink()
@@ -175,13 +164,6 @@ class RallyLogWriter(LogContext):
         os.fsync(self._file.fileno())
         self._synced = time.monotonic()
 
-    def _finish(self) -> None:
-        self._log.finish()
-        self._sync()
-        self._file.close()
-        path = part_path(self.path, self._log.header.part)
-        os.replace(unfinished(path), path)
-
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:
         """After an error leave ``FILE.part`` behind with its complete batches, and say so."""
@@ -189,9 +171,8 @@ class RallyLogWriter(LogContext):
             yield
         except OSError as error:
             self.abort()
-            part = unfinished(part_path(self.path, self._log.header.part))
-            told = f"{part}: cannot be written ({error.strerror}); the {self.rallies} rallies before it are complete"
-            raise RecordingError(f"{told}: free disk space and resume, or {advice(part)}") from error
+            told = f"{self._part}: cannot be written ({error.strerror}); the {self.rallies} rallies before it are complete"
+            raise RecordingError(f"{told}: free disk space and resume, or {advice(self._part)}") from error
 
     def _write(self, rallies: Rallies) -> None:
         self.write_message(self.rallies, encode(self.rallies, rallies, len(self.header.strokes)), rallies)
@@ -211,21 +192,24 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
     Raises:
         RecordingError: the unfinished log has another header or fewer undamaged rallies, or cannot be written.
     """
+    source = set_aside(path)
     with log_file.damage(path):
         if not rallies:
-            _delete(path, 0, header)
+            if path.exists() and log_file.read_header(log_file.content_of(path))[0] != header:
+                raise RecordingError("the log of another run; delete it or choose another name")
+            for file in files_of(path):
+                file.unlink()
             return RallyLogWriter(path, header, **options)
-        last = _last_part(path, rallies)
-        part = part_path(path, last)
-        source = set_aside(part)
         if source.exists():
-            unfinished(part).unlink(missing_ok=True)  # an incomplete copy; the original is intact
+            unfinished(path).unlink(missing_ok=True)  # an incomplete copy; the original is intact
+        elif files := files_of(path):
+            os.replace(files[0], source)
         else:
-            os.replace(_file_of(part), source)
+            raise RecordingError(f"{unfinished(path).name}: is missing, with the {rallies} rallies that were played; start again")
     before, batches = salvage(source)
     if before != header:
         raise RecordingError(f"{source}: another game, other policies or another seed than this run has; start again")
-    writer = RallyLogWriter(path, before, leave_later=True, **options)
+    writer = RallyLogWriter(path, before, **options)
     for first, data, batch in batches:
         if writer.rallies == rallies or first != writer.rallies:
             break
@@ -234,60 +218,8 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         writer.abort()
         raise RecordingError(f"{source}: {rallies} rallies were played, {writer.rallies} are undamaged; start again")
     writer.flush()
-    with log_file.damage(path):
-        _delete(path, last + 1, header)
-        source.unlink()
+    source.unlink()
     return writer
-
-
-def rallies_of_pairings(path: Path, pairings: int) -> int:
-    """Number of rallies of an unfinished log, in all parts, of pairings below a number.
-
-    Pairings must be recorded one after the other, in the order of their numbers.
-
-    Raises:
-        RecordingError: a file cannot be read or is not a rally log.
-    """
-    count = 0
-    for number in existing_parts(path):
-        try:
-            _, batches = salvage(_file_of(part_path(path, number)))
-        except RecordingError:
-            if number:  # the process was killed before it wrote the header
-                continue
-            raise
-        for first, _, batch in batches:
-            if int(batch.pairing.max()) >= pairings:
-                return count
-            count = first + len(batch)
-    return count
-
-
-def _file_of(part: Path) -> Path:
-    """The file of an existing part: set aside by a killed resumption, else finished, else unfinished."""
-    return next(file for file in (set_aside(part), part, unfinished(part)) if file.exists())
-
-
-def _last_part(path: Path, rallies: int) -> int:
-    last = None
-    for number in existing_parts(path):
-        # A file without a header, of a process that was killed as it started the file, has no rallies.
-        with contextlib.suppress(RecordingError):
-            if log_file.read_header(log_file.content_of(_file_of(part_path(path, number))))[0].first_rally < rallies:
-                last = number
-    if last is None:
-        raise RecordingError(f"{unfinished(path).name}: is missing, with the {rallies} rallies that were played; start again")
-    return last
-
-
-def _delete(path: Path, first: int, header: LogHeader) -> None:
-    """Delete the parts of a log from this number on, the last part first; a finished part of another log is an error."""
-    for number in reversed([number for number in existing_parts(path) if number >= first]):
-        part = part_path(path, number)
-        if part.exists() and log_file.read_header(log_file.content_of(part))[0] != header:
-            raise RecordingError(f"{part.name} is the log of another run; delete it or choose another name")
-        for file in (unfinished(part), part, set_aside(part)):
-            file.unlink(missing_ok=True)
 
 
 class RallyRecorder(LogContext):
@@ -296,9 +228,6 @@ class RallyRecorder(LogContext):
     A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the
     GIL. An error in the thread is raised by the next call: a :class:`RecordingError` if the log cannot be written any further;
     earlier batches are complete.
-
-    Attributes:
-        sample: function that returns the rallies of the sample; can be pickled.
     """
 
     def __init__(self, log: RallyLogWriter, *, waiting_strokes: int = 1 << 24) -> None:
@@ -309,7 +238,6 @@ class RallyRecorder(LogContext):
             waiting_strokes: strokes in the queue from which :meth:`add` blocks.
         """
         self.path = log.path
-        self.sample: Callable[[Rallies], Rallies] = functools.partial(Sampling.parse(log.header.record).of, log.header)
         self._log, self._limit = log, waiting_strokes
         self._queue: deque[tuple[int, Future[None]]] = deque()
         self._waiting = 0
@@ -319,25 +247,22 @@ class RallyRecorder(LogContext):
     @classmethod
     def create(cls, path: Path, header: LogHeader, **options: Any) -> Self:
         """Start a log, with options of :class:`RallyLogWriter`, and record into it."""
-        if not Sampling.parse(header.record).every:
-            raise RecordingError(f"{path}: --record none records nothing; leave the recorder out")
         return cls(RallyLogWriter(path, header, **options))
 
     def add(self, rallies: Rallies) -> None:
-        """Record those of some finished rallies that are in the sample; blocks while the queue is full.
+        """Record some finished rallies; blocks while the queue is full.
 
         Args:
             rallies: the rallies; their arrays must not be changed afterwards.
         """
-        chosen = self.sample(rallies)
-        if len(chosen):
+        if len(rallies):
             self._raise()
             while self._queue and (self._queue[0][1].done() or self._waiting > self._limit):
                 strokes, appended = self._queue.popleft()
                 self._waiting -= strokes
                 appended.result()
-            self._queue.append((len(chosen.stroke), self._submitted(chosen)))
-            self._waiting += len(chosen.stroke)
+            self._queue.append((len(rallies.stroke), self._submitted(rallies)))
+            self._waiting += len(rallies.stroke)
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
         """Request :meth:`RallyLogWriter.flush` for all rallies added so far, and return its future result at once."""
@@ -384,7 +309,7 @@ class RallyRecorder(LogContext):
 
 @contextlib.contextmanager
 def sampled_log(
-    path: Path, policies: Sequence[str], opponent: Player, game: Game, *, seed: int, record: str = "all"
+    path: Path, policies: Sequence[str], opponent: Player, game: Game, *, seed: int
 ) -> Iterator[Callable[[int, Rallies], None]]:
     """Log of the matches of :class:`shuttle_marl.policy.Scorer` of several policies against one opponent.
 
@@ -402,7 +327,6 @@ def sampled_log(
         policies=(opponent, *(Player(name=name) for name in policies)),
         pairings=tuple(pairing_key(name, opponent.name) for name in policies),
         matches_per_draw=1,
-        record=record,
         columns=columns_of(game),
     )
     with RallyRecorder.create(path, header) as recorder:
@@ -418,7 +342,7 @@ def sampled_log(
 def free_name(path: Path) -> Path:
     """Return the path, or the first of ``NAME-2``, ``NAME-3``, … without a log."""
     found, number = path, 1
-    while existing_parts(found):
+    while files_of(found):
         number += 1
         found = path.with_stem(f"{path.stem}-{number}")
     return found

@@ -15,10 +15,8 @@ Split = Literal["dev", "test", "round"]
 Access = Literal["samples", "tables", "opponent"]
 """What a method says that it reads: what it plays and logs alone; or tables of the game; or those of its opponent too."""
 SPLITS: Final[tuple[Split, ...]] = get_args(Split)
-ACCESS: Final[tuple[Access, ...]] = get_args(Access)
-"""From little to much."""
-Kind = Literal["method", "reference"]
-"""What a row of a board is: a method, or a reference, which is computed or does not learn."""
+ACCESS: Final[tuple[Access, ...]] = get_args(Access)  # from little to much
+Kind = Literal["method", "reference"]  # what a row of a board is: a method, or a reference, which is computed or does not learn
 
 
 class SuiteError(ShuttleError):

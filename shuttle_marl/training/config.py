@@ -32,12 +32,9 @@ SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet"
 CollectorName = Literal["kernel", "torchrl"]
 
 Growth = Annotated[float, msgspec.Meta(ge=0, le=1000)]
-SEEDS: Final = 1 << 31
-"""Number of seeds of PyTorch's generators and of a sampler."""
+SEEDS: Final = 1 << 31  # number of seeds of PyTorch's generators and of a sampler
 SELF: Final = "self"
-SHARP: Final = 0.1
-"""Softmax temperature of an agent that is to play the best stroke it knows."""
-AUTO: Final = "auto"
+SHARP: Final = 0.1  # softmax temperature of an agent that is to play the best stroke it knows
 _NO_EFFECT: Final = ("out", "resume", "overwrite", "workers", "ray")
 
 
@@ -59,17 +56,14 @@ class RunConfig:
     """Continue the run in --out (or the default folder) from its last checkpoint."""
     overwrite: bool = False
     """Replace the run in --out."""
-    record: str = "all"
-    """Rallies in the rally log: all (some 1.8 bytes a stroke), none, or sample:N for one in N; does not change the weights."""
+    record: Literal["all", "none"] = "all"
+    """Rallies in the rally log: all (some 1.8 bytes a stroke) or none; does not change the weights."""
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
     """Discipline of the game; default: the average of both."""
 
     def __post_init__(self) -> None:
-        from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
-
-        Sampling.parse(self.record)
         check_bounds(self, self.error)
 
     def fixed(self) -> dict[str, Any]:
@@ -93,9 +87,9 @@ class TrainingConfig(RunConfig):
     million (sac); with --collector torchrl 4 million."""
     collector: CollectorName = "kernel"
     """What collects strokes: the compiled kernel, or TorchRL's own collector, which takes longer."""
-    figures: str = AUTO
-    """Rallies of the log whose strokes have the learner's log-probability and value, some 5 bytes a stroke: all, none, sample:N,
-    or auto, the first 10,000 and one in a hundred."""
+    figures: Literal["auto", "all", "none"] = "auto"
+    """Rallies of the log whose strokes have the learner's log-probability and value, some 5 bytes a stroke: all, none, or auto,
+    the first 10,000 and one in a hundred."""
     bonus: tuple[str, ...] = ()
     """Reward for a shot type, as SHOT=POINTS, for example smash=0.1; a rally is worth 1 (not in self-play)."""
     fault_cost: Weight = 0.0
@@ -132,11 +126,7 @@ class TrainingConfig(RunConfig):
     """PyTorch threads of this process; changes the result, because it changes the order of sums."""
 
     def __post_init__(self) -> None:
-        from shuttle_marl.recording.header import Sampling  # noqa: PLC0415  pyarrow; not for a help page
-
         super().__post_init__()
-        if self.figures != AUTO:
-            Sampling.parse(self.figures)
         if not self.opponent:
             raise TrainingError("--opponent: expected one or more policies, or self")
         for name in self.opponent:

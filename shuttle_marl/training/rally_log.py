@@ -9,18 +9,19 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.arrays import I64, Bools
+from shuttle_marl.base.arrays import I64
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.rally import columns_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallySampler
-from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
+from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder
 from shuttle_marl.recording.recorder import LogContext, resume
-from shuttle_marl.training.config import AUTO, PPOConfig, TrainingConfig
+from shuttle_marl.training.config import PPOConfig, TrainingConfig
 from shuttle_marl.training.self_play import n_opponents
 
 FIRST: Final = 10_000
 """Rallies at the beginning of a run that have figures by default, so that those of a short run all have them."""
+_EVERY: Final = 100
 _FIGURES: Final = ("log_probability", "value")
 
 
@@ -28,13 +29,12 @@ class RunLog(LogContext):
     """Log of the rallies of a learner, or the continuation of one.
 
     Args:
-        path: the log; nothing is written if ``record`` is none.
+        path: the log; None: nothing is written.
         players: the learner, then the opponents of its sampler in their order.
         seeds: seed of the sampler in each segment.
         seed: of the run.
-        record: rallies that are recorded: all, none, or sample:N.
-        figures: rallies of the log whose strokes have the learner's log-probability and value: all, none, sample:N, or auto, the
-            first :data:`FIRST` and one in a hundred; None: a log without these columns.
+        figures: rallies of the log whose strokes have the learner's log-probability and value: all, none, or auto, the first
+            :data:`FIRST` and one in a hundred; None: a log without these columns.
         rallies: number of rallies that were recorded before.
 
     Raises:
@@ -43,18 +43,16 @@ class RunLog(LogContext):
 
     def __init__(
         self,
-        path: Path,
+        path: Path | None,
         game: Game,
         players: tuple[Player, ...],
         seeds: Sequence[int],
         *,
         seed: int,
-        record: str,
         figures: str | None = None,
         rallies: int = 0,
     ) -> None:
-        self._sampling, self._first = Sampling.parse(record), FIRST * (figures == AUTO)
-        self._figures = Sampling(every=100) if figures == AUTO else Sampling.parse(figures or "none")
+        self._figures = figures
         self._header = LogHeader(
             seed=seed,
             game=game.hash,
@@ -64,10 +62,9 @@ class RunLog(LogContext):
             matches_per_draw=1,
             rules=SINGLE_RALLY,
             draws="training",
-            record=record,
             columns=columns_of(game, "update", *(_FIGURES if figures else ())),
         )
-        self._recorder = RallyRecorder(resume(path, self._header, rallies)) if self._sampling.every else None
+        self._recorder = None if path is None else RallyRecorder(resume(path, self._header, rallies))
         self._thread = ThreadPoolExecutor(1, "recording rallies")
         self._pending: Future[Rallies] | None = None
 
@@ -86,15 +83,10 @@ class RunLog(LogContext):
         """
         if self._recorder is None:
             return
-        numbers = sampler.numbers
-        numbers = numbers[self._kept(self._sampling, segment, numbers)]
-        if not len(numbers):
+        if not len(sampler.numbers):
             return
         self.settle()
-        self._pending = self._thread.submit(self._rallies, sampler, numbers, segment, update)
-
-    def _kept(self, sampling: Sampling, segment: int, numbers: I64) -> Bools:
-        return sampling.keeps(self._header, np.full(len(numbers), segment), numbers)
+        self._pending = self._thread.submit(self._rallies, sampler, sampler.numbers, segment, update)
 
     def settle(self) -> None:
         """Wait for the columns of the last rallies, and pass them to the recorder."""
@@ -104,7 +96,8 @@ class RunLog(LogContext):
             self._recorder.add(pending.result())
 
     def _rallies(self, sampler: RallySampler, numbers: I64, segment: int, update: int) -> Rallies:
-        kept = self._kept(self._figures, segment, numbers) | ((segment == 0) & (numbers < self._first))
+        auto = (numbers % _EVERY == 0) | ((segment == 0) & (numbers < FIRST))
+        kept = auto if self._figures == "auto" else np.full(len(numbers), self._figures == "all")
         with_figures = "value" in self._header.columns
         rallies = sampler.record(numbers, figures=with_figures and bool(kept.all()))
         n = len(rallies)
@@ -144,14 +137,14 @@ def open_log(
     seeds: Sequence[int],
     rallies: int = 0,
     *,
-    record: str | None = None,
+    record: bool = True,
 ) -> RunLog:
     """Open the log of a run, or continue it.
 
     Args:
         opponents: opponents in the order of ``config.opponent``.
         rallies: number of recorded rallies at the last checkpoint.
-        record: replaces ``config.record``.
+        record: whether rallies are recorded, if ``config.record`` says so.
 
     Raises:
         RecordingError: the log cannot be written, or holds fewer rallies.
@@ -161,12 +154,11 @@ def open_log(
     else:
         others = [Player(name=name, hash=policy.hash) for name, policy in zip(config.opponent, opponents, strict=False)]
     return RunLog(
-        folder / runs.RALLIES,
+        folder / runs.RALLIES if record and config.record == "all" else None,
         game,
         (Player(name=f"{config.algorithm}-{config.seed}"), *others),
         seeds,
         seed=config.seed,
-        record=record or config.record,
         figures=None if config.algorithm == "sac" or config.collector == "torchrl" else config.figures,
         rallies=rallies,
     )

@@ -235,8 +235,7 @@ class _Training(Callback):
         self.begun = time.monotonic() - self.at.seconds
         seeds = [self._seed(_SEGMENT, segment) % SEEDS for segment in range(config.segments)]
         recorded = self._over and (self.folder / runs.RALLIES).exists()
-        record = "none" if recorded else config.record
-        self.log = open_log(self.folder, config, self.game, self.opponents, seeds, self.at.rallies, record=record)
+        self.log = open_log(self.folder, config, self.game, self.opponents, seeds, self.at.rallies, record=not recorded)
         purge = learner.strokes + 1 if learner.iteration else None
         with SummaryWriter(str(self.folder / "tensorboard"), purge_step=purge) as self.board, _bar(self.console) as self.bar:
             self.bar.add_task(config.algorithm, total=config.iterations, completed=learner.iteration, status="")

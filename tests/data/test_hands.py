@@ -20,6 +20,7 @@ from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import STROKES, violations
 from shuttle_marl.game.court import HANDS
 from tests.data.upstream_layout import LIFT, SERVE, SMASH, Hit, Layout, game, rally
+from tests.reduced import reduced_model
 
 HEADER = "rally,player,shot,height,technique,area,ending"
 
@@ -237,7 +238,8 @@ def test_commands_that_read_strokes_take_the_option(both: Path, tmp_path: Path, 
     ):
         assert command([*arguments, "--hand", "ada=left", "--hand", "nobody=left"]) == 1
         assert "no player 'nobody'; expected NAME=right or NAME=left, players: ada, bea" in capsys.readouterr().err
-    assert analysis([str(both), "--json"]) == 0
+    told = [str(both), "--json", "--game", reduced_model()]
+    assert analysis(told) == 0
     assert "hand unknown, played as right-handed: bea (1 of 2 players)" in capsys.readouterr().err
-    assert analysis([str(both), "--json", "--hand", "bea=right"]) == 0
+    assert analysis([*told, "--hand", "bea=right"]) == 0
     assert "hand unknown" not in capsys.readouterr().err

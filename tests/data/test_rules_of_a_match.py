@@ -14,10 +14,10 @@ from shuttle_marl.court.recorded import RealRallies
 from shuttle_marl.data import DataError, read_matches
 from shuttle_marl.data.matches import real_rallies
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.game import default_game
 from shuttle_marl.game.scoring import RULES, RulesName
 from shuttle_marl.reports.match import match_report
 from shuttle_marl.reports.summary import met
+from tests.reduced import reduced_game
 
 TO: dict[str, tuple[int, int, int]] = {
     "21": (21, 30, 2),
@@ -100,11 +100,11 @@ def test_every_reader_counts_as_the_rules_are_written(rules: RulesName, columns:
         assert [*games.values()] == score
         winner = ("ada", "bea")[rallies[-1][2]]
         assert met(strokes, winner, "ada" if winner == "bea" else "bea")[4:] == (1, 1)
-        shown = RealRallies(tmp_path / "match.csv", default_game(), strokes)
+        shown = RealRallies(tmp_path / "match.csv", reduced_game(), strokes)
         last = shown.rally(shown.count - 1).score
         assert (*last.finished, last.points[:]) == (*score[:-1], tuple(np.array(score[-1]) - (np.arange(2) == (winner != first))))
         if k == 0:
-            report = match_report(strokes, game=default_game())
+            report = match_report(strokes, game=reduced_game())
             assert ([*report.score], report.inferred, report.rules) == (score, (), RULES[rules])
             assert report.rallies[-1].after == float(winner == first)
 

@@ -21,7 +21,7 @@ from tests import golden
 from tests.dynamics.rows import plain_rows
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
-N, MATCHES = 12_000, 24
+N, MATCHES = 6_000, 12
 NET, LIFT = SHOTS.index("net-shot"), SHOTS.index("lift")
 
 

@@ -10,7 +10,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-from shuttle_marl.base.errors import ActionError, OptionError
+from shuttle_marl.base.errors import ActionError
 from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
 from shuttle_marl.game import default_game
@@ -102,30 +102,21 @@ def test_one_row_is_the_single_environment(seat: int, illegal: float, game: Game
     assert game.levels > 1 or min(single.unseen) > 2
 
 
-def test_seeds_and_masks_of_reset() -> None:
+def test_seeds_of_reset() -> None:
     env = make(6, server=0)
     first, _ = env.reset(seed=2)
     rally = env.versus.rows.rally
     assert rally.tolist() == list(range(6))
     env.reset()
     assert rally.tolist() == list(range(6, 12))
-    env.reset(options={"reset_mask": np.array([True, False, False, False, False, True])})
-    assert rally.tolist() == [12, 7, 8, 9, 10, 17]
     again, _ = env.reset(seed=2)
     assert all(np.array_equal(first[key], again[key]) for key in first)
-    with pytest.raises(OptionError, match="give either seed"):
-        env.reset(seed=1, options={"reset_mask": np.ones(6, np.bool_)})
-    for mask in (np.ones(5, np.bool_), np.ones(6, np.int8), [True] * 6):
-        with pytest.raises(OptionError, match=r"bool array of shape \(6,\)"):
-            env.reset(options={"reset_mask": mask})
 
 
 def test_calls_out_of_order_and_range() -> None:
     env = make(3)
     with pytest.raises(ResetNeeded):
         env.step(np.zeros(3, int))
-    with pytest.raises(ResetNeeded):
-        env.reset(options={"reset_mask": np.ones(3, np.bool_)})
     env.reset(seed=1)
     state = env.versus.rows.state.copy()
     wrong: list[Any] = [[0, 0, GAME.n_strokes], [0, -1, 0], [0, 0], [0.0, 0.0, 0.0], [False, False, False]]

@@ -15,13 +15,14 @@ from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import Game
 from tests.game.test_rally_layout import random_game
+from tests.reduced import reduced_game
 
 
 @pytest.fixture(scope="module")
 def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """A saved game, which takes seconds to pack."""
+    """A saved game; the shipped one takes seconds to pack."""
     path = tmp_path_factory.mktemp("saved") / "new folder" / "game.safetensors"
-    default_game().save(path, {"note": "for tests"})
+    reduced_game().save(path, {"note": "for tests"})
     return path.read_bytes()
 
 
@@ -33,7 +34,7 @@ def saved(tmp_path: Path, content: bytes) -> Path:
 
 
 def test_a_game_survives_saving(saved: Path) -> None:
-    game, again = default_game(), Game.load(saved)
+    game, again = reduced_game(), Game.load(saved)
     assert again.hash == game.hash
     assert again.catalogue.names == game.catalogue.names
     for field in dataclasses.fields(Game):

@@ -234,7 +234,7 @@ def test_a_damaged_file_of_variants_is_refused(model: Path) -> None:
 def test_what_unpacks_to_more_than_a_table_is_refused_before_it_does() -> None:
     game = load_game()
     header = {"variants": json.dumps({"game": game.hash, "hashes": {"1": ""}})}
-    bomb = np.frombuffer(lzma.compress(bytes(10**8)), dtype=np.uint8)
+    bomb = np.frombuffer(lzma.compress(bytes(10**8), preset=0), dtype=np.uint8)
     with pytest.raises(GameError, match=f"a packed array of {5 * game.n_base_pairs + 1} bytes, expected"):
         unpacked(Tensors(header, {"1.steps": bomb, "1.fault_odds": game.fault_odds}), game, "1", Path("model"))
 

@@ -22,7 +22,7 @@ from tests.league.test_league_training import final
 from tests.reduced import reduced_model
 
 PLAYED: dict[str, Any] = {
-    "pool": ("bc", "attacking", "safe", "random"), "matches": 40, "batch": 80, "record": "sample:3", "exact": False
+    "pool": ("bc", "attacking", "safe", "random"), "matches": 40, "batch": 80, "exact": False
 }  # fmt: skip
 TRAINED: dict[str, Any] = {
     "strokes": 1500, "rounds": 3, "batch": 256, "width": 8, "update_interval": 2, "patience": 2, "pool": ("attacking", "safe")
@@ -49,10 +49,11 @@ def _tables(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("command", [[], ["train"]])
 def test_ray_that_is_missing_is_named(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: list[str], small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    assert main([*command, "--ray", "auto", "--pool", "attacking", "safe", "--out", str(tmp_path / "run")]) == 1
+    flags = ["--ray", "auto", "--pool", "attacking", "safe", "--game", small_model, "--out", str(tmp_path / "run")]
+    assert main([*command, *flags]) == 1
     message = capsys.readouterr().err
     assert "--ray auto: Ray is not installed; `pip install" in message
     assert "[ray]" in message

@@ -258,6 +258,12 @@ def test_bad_settings_are_refused(flags: list[str], message: str, tmp_path: Path
 @pytest.mark.parametrize(
     ("flags", "algorithm", "rounds"),
     [
+        ({}, "ppo", 10),
+        ({"strokes": 240_000_000}, "ppo", 8),
+        ({"strokes": 240_000_000, "rounds": 99}, "ppo", 99),
+        ({"strokes": 10**10}, "ppo", 60),
+        ({"strokes": 10}, "ppo", 6),
+        ({"variant": "psro", "oracle": "a2c"}, "a2c", 10),
         ({"learner": "sac", "strokes": 10**9}, "sac", 33),
         ({"variant": "plain", "oracle": "ppo", "learner": "sac", "strokes": 10**7}, "sac", 6),
         ({"variant": "psro", "oracle": "ppo", "learner": "sac", "strokes": 10**10}, "ppo", 60),

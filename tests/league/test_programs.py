@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.base.programs import Program, ProgramTimeoutError
-from shuttle_marl.game import load_game
+from shuttle_marl.game import default_game, load_game
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.policy import resolve
 from shuttle_marl.policy.foreign import time_limit
+from shuttle_marl.policy.programs import ProgramPolicy
 from shuttle_marl.policy.registry import resolve_recorded
 from tests.tournaments import play_league
 from tests.waiting import wait_until
@@ -185,6 +186,9 @@ def alive(process: int) -> bool:
 
 
 def test_a_program_that_does_not_read_is_late() -> None:
-    deaf = Program([sys.executable, "-S", "-E", "-c", "import time; time.sleep(5)"], seconds=0.5)
-    with pytest.raises(ProgramTimeoutError, match="did not read within"):
-        deaf.write(bytes(1 << 20))  # more than a pipe holds
+    command = shlex.join([sys.executable, "-S", "-E", "-c", "import time; time.sleep(5)"])
+    deaf, states = ProgramPolicy(command, default_game(), 0.5), States(game=default_game(), state=np.arange(500, dtype=np.int32))
+    with pytest.raises(PolicyError, match=r"did not read within 0.5 s; --policy-timeout gives more time"):
+        deaf.probabilities(states)  # more than a pipe holds
+    with pytest.raises(PolicyError, match="it is not asked again"):
+        deaf.probabilities(states)

@@ -34,7 +34,6 @@ from shuttle_marl.base.files import (
     Weight,
     check_bounds,
 )
-from shuttle_marl.base.programs import Program, ProgramError
 from shuttle_marl.base.runs import Journal, RunError
 
 
@@ -165,21 +164,6 @@ def test_sealed_files_and_cards(tmp_path: Path) -> None:
     assert "larger" in message(lambda: files.read_json(tmp_path / "card", dict, limit=3), FileReadError)
     (tmp_path / "z").write_text("{}")
     assert "checksum" in message(lambda: files.read_json(tmp_path / "z", dict, sealed=True), FileReadError)
-
-
-# Programs.
-
-
-def test_programs_answer_in_lines() -> None:
-    echo = Program("cat", seconds=20)
-    assert not echo.started
-    echo.write(b"abcdef\ngh\n\n")
-    assert echo.started
-    assert [echo.read_line() for _ in range(3)] == [b"abcdef", b"gh", b""]
-    failed = echo.failed("a wrong answer")
-    assert str(failed) == "a wrong answer"
-    assert message(lambda: echo.write(b"x"), ProgramError) == "a wrong answer; it is not asked again"
-    echo.close()
 
 
 # Caches, interrupts and clusters.

@@ -23,7 +23,7 @@ def test_every_policy_acts_in_a_loop(name: str, module: Any) -> None:
     policy, rng = resolve(name, GAME), np.random.default_rng(0)
     env.reset(seed=3)
     strokes = 0
-    for _ in env.agent_iter(400):
+    for _ in env.agent_iter(150):
         observation, _, terminated, truncated, info = env.last()
         assert "illegal" not in str(info)
         env.step(None if terminated or truncated else policy.act(observation, observation["action_mask"], rng))

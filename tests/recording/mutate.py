@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 
 from shuttle_marl.base.files import seal, unsealed
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter
-from shuttle_marl.recording.log_file import LogFileWriter, encode, part_path, unfinished
+from shuttle_marl.recording.log_file import LogFileWriter, encode
 from tests.recording.conftest import a_header, some_rallies
 
 LENGTHS = (0, 1, 2**16, 2**31, 2**32 - 1, 2**32, 2**62, 2**63 - 1, 2**64 - 1)
@@ -72,29 +72,20 @@ class Mutator:
         extra: dict[str, Any] = {"update": np.arange(60, dtype=np.uint32), "value": np.linspace(-1, 1, n, dtype=np.float32)}
         self.rallies: Rallies = dataclasses.replace(whole, **extra)
         self.good = folder / "good.mcap"
-        with RallyLogWriter(self.good, self.header, batch_rallies=16, max_bytes=12_000) as log:
+        with RallyLogWriter(self.good, self.header, batch_rallies=16) as log:
             log.append(self.rallies)
-        self.files = [self.good, part_path(self.good, 1)]
-        self.contents = [file.read_bytes() for file in self.files]
+        self.content = self.good.read_bytes()
         self.strokes = {first: batch.stroke.tobytes() for first, batch in RallyLog(self.good).batches()}
         assert len(self.strokes) == 4
 
     def make(self, kind: str) -> None:
         """Write the bad log of a kind."""
-        for number in range(4):
-            for path in (part_path(self.path, number), unfinished(part_path(self.path, number))):
-                path.unlink(missing_ok=True)
+        self.path.unlink(missing_ok=True)
         getattr(self, kind)()
 
     def accident(self) -> None:
         """A file that was damaged."""
-        self.path.write_bytes(mutated(self.contents[0], self.rng))
-
-    def accident_to_a_part(self) -> None:
-        """A log of two files, one of which was damaged."""
-        bad = self.rng.integers(2)
-        for number, content in enumerate(self.contents):
-            part_path(self.path, number).write_bytes(mutated(content, self.rng) if number == bad else content)
+        self.path.write_bytes(mutated(self.content, self.rng))
 
     def message(self) -> None:
         """A wrong message with a right checksum."""
@@ -103,7 +94,7 @@ class Mutator:
 
     def index(self) -> None:
         """A wrong index with a right checksum."""
-        content = bytearray(self.contents[0])
+        content = bytearray(self.content)
         with self.good.open("rb") as file:
             [place] = make_reader(file).get_summary().attachment_indexes
         begin, end = place.offset + 9, place.offset + place.length
@@ -138,7 +129,7 @@ class Mutator:
 
     def zeros(self) -> None:
         """A log with a chunk of zeros, in the place of its second quarter."""
-        content = bytearray(self.contents[0])
+        content = bytearray(self.content)
         begin = len(content) // 4
         content[begin : 2 * begin] = bytes(begin)
         self.path.write_bytes(content)

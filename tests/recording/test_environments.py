@@ -102,6 +102,19 @@ def test_rallies_of_a_vector_environment_are_those_of_its_rows(name: str, tmp_pa
         assert replay(log, game, {"bc": tabulate(resolve("bc", game), game)}).wrong == ()
 
 
+@pytest.mark.parametrize("name", ["Rally-v0", "Match-v0"])
+def test_long_logs_of_many_rows_play_again(name: str, tmp_path: Path) -> None:
+    path, game = tmp_path / "rallies.mcap", load_game("default")
+    env: Any = gymnasium.make_vec(f"{GYM}{name}", num_envs=2200, opponent="bc", record=path)
+    env.reset(seed=3)
+    for _ in range(100):
+        env.step(env.random_actions())
+    env.close()
+    assert check(path, game).problems == ()
+    with RallyLog(path) as log:
+        assert replay(log, game, {"bc": tabulate(resolve("bc", game), game)}).wrong == ()
+
+
 def test_the_first_illegal_action_of_a_vector_environment_warns() -> None:
     env = gymnasium.make_vec(f"{GYM}Rally-v0", num_envs=4)
     seen, _ = env.reset(seed=0)

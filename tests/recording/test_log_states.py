@@ -14,7 +14,7 @@ from shuttle_marl.recording import Rallies, RallyLog, RallyLogWriter, RecordingE
 from shuttle_marl.recording.recorder import resume
 from tests.recording.conftest import a_header, read_rallies, same, some_rallies
 
-OPTIONS: dict[str, Any] = {"batch_rallies": 8, "max_bytes": 12_000}
+OPTIONS: dict[str, Any] = {"batch_rallies": 8}
 writing = precondition(lambda self: self.writing)
 killed = precondition(lambda self: not self.writing)
 
@@ -102,4 +102,4 @@ class Log(RuleBasedStateMachine):
 
 
 TestLog = Log.TestCase
-TestLog.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
+TestLog.settings = settings(max_examples=25, stateful_step_count=25, deadline=None)

@@ -1,4 +1,4 @@
-"""The recorder with a thread of its own, and which rallies a log holds: ``--record all|sample:N|none``."""
+"""The recorder with a thread of its own, headers, and names of logs."""
 
 import dataclasses
 import time
@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import stream
-from shuttle_marl.league import LeagueConfig
 from shuttle_marl.recording import (
     LogHeader,
     Player,
@@ -21,15 +19,12 @@ from shuttle_marl.recording import (
     RallyLogWriter,
     RallyRecorder,
     RecordingError,
-    Sampling,
     recover,
 )
 from shuttle_marl.recording.header import Pair
 from shuttle_marl.recording.log_file import unfinished
-from shuttle_marl.recording.reader import check
 from shuttle_marl.recording.recorder import free_name
 from tests.recording.conftest import read_rallies
-from tests.tournaments import play_league
 
 
 def test_the_same_bytes_as_without_a_thread_rallies(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
@@ -145,15 +140,6 @@ GAME = default_game()
 POOL = ("bc", "bc:viktor-axelsen", "bc:an-se-young")
 
 
-def test_what_may_be_asked_for() -> None:
-    assert [str(Sampling.parse(text)) for text in ("all", "sample:1", "none", "sample:10")] == ["all", "all", "none", "sample:10"]
-    for text in ("", "ALL", "sample:0", "sample:1.5", "10"):
-        with pytest.raises(RecordingError, match="expected all, none, or sample:N"):
-            Sampling.parse(text)
-    with pytest.raises(RecordingError, match="sample:N"):
-        LogHeader(seed=0, game="", strokes=(), policies=(), record="half")
-
-
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
@@ -161,8 +147,6 @@ def test_what_may_be_asked_for() -> None:
         ({"policies": (Player(name="x" * 1001),)}, "players: expected names"),
         ({"pair": Pair(players=("a", "x" * 1001))}, "players: expected names of up to 1000 characters"),
         ({"matches_per_draw": 0}, "matches_per_draw 0: expected a number from 1"),
-        ({"part": 2**31}, "part 2147483648: expected a number from 0"),
-        ({"first_rally": -1}, "first_rally -1: expected a number from 0"),
         ({"pairings": (0, 2**64)}, "pairings: expected keys from 0"),
     ],
 )
@@ -177,9 +161,9 @@ def test_headers_without_strokes_or_of_no_version_are_refused(header) -> None:
         LogHeader.from_metadata(empty)
     with pytest.raises(RecordingError, match="schema version None, this program reads version 4"):
         LogHeader.from_metadata({})
-    made = header(part=3, first_rally=9, pair=Pair(players=("a", "b"), date="2020-01-02"))
+    made = header(pair=Pair(players=("a", "b"), date="2020-01-02"))
     found = LogHeader.from_metadata(made.to_metadata())
-    assert (found, found.part, found.first_rally, found.pair) == (made, 3, 9, made.pair)
+    assert found == made
     assert '"pair"' not in header().to_metadata()["header"]
 
 
@@ -204,70 +188,11 @@ def test_keys_of_draws(header, rallies) -> None:
 def test_writers_and_recorders_have_options(tmp_path: Path, header) -> None:
     with pytest.raises(RecordingError, match="batch_rallies 0"):
         RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=0)
-    with pytest.raises(RecordingError, match="max_bytes 0"):
-        RallyLogWriter(tmp_path / "a.mcap", header(), max_bytes=0)
-    with pytest.raises(RecordingError, match="--record none records nothing"):
-        RallyRecorder.create(tmp_path / "a.mcap", header(record="none"))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_free_names_are_counted_from_two(log_file: Path) -> None:
     assert free_name(log_file.with_name("other.mcap")) == log_file.with_name("other.mcap")
     assert free_name(log_file) == log_file.with_name("rallies-2.mcap")
-    log_file.with_name("rallies-2.1.mcap.part").touch()
+    log_file.with_name("rallies-2.mcap.part").touch()
     assert free_name(log_file) == log_file.with_name("rallies-3.mcap")
-
-
-def test_samples_are_the_same_in_every_version(header) -> None:
-    match = np.arange(40)
-    found = np.flatnonzero(Sampling(every=3).keeps(header(seed=1), np.zeros_like(match), match))
-    assert found.tolist() == [2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 36, 37]
-
-
-def test_one_in_n_at_random_and_cells_together(header) -> None:
-    """Matches that share their draws are in together, and the samples of seeds and pairings differ."""
-    match = np.arange(20_000)
-    pairing = np.zeros(len(match), dtype=np.uint32)
-    kept = Sampling(every=7).keeps(header(), pairing, match)
-    cells = kept.reshape(-1, 2)
-    assert (cells[:, 0] == cells[:, 1]).all()
-    # Who serves first alternates from cell to cell; the sample must not prefer either.
-    assert [cells[parity::2, 0].mean() for parity in (0, 1)] == pytest.approx([1 / 7] * 2, abs=0.02)
-    for other in (Sampling(every=7).keeps(header(seed=8), pairing, match), Sampling(every=7).keeps(header(), pairing + 1, match)):
-        assert (other & kept).mean() == pytest.approx(1 / 49, abs=0.01)
-    alone = Sampling(every=7).keeps(header(matches_per_draw=1), pairing, match).reshape(-1, 2)
-    assert (alone[:, 0] != alone[:, 1]).any()
-    assert not Sampling(every=0).keeps(header(), pairing, match).any()
-    assert Sampling(every=1).keeps(header(), pairing, match).all()
-
-
-@pytest.fixture(scope="module")
-def sampled(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("sampled") / "run"
-    play_league(LeagueConfig(pool=POOL, matches=60, seed=3, record="sample:4", out=out))
-    return out
-
-
-def test_a_sampled_tournament_holds_whole_matches_that_play_again(sampled: Path, tmp_path: Path) -> None:
-    full = LeagueConfig(pool=POOL, matches=60, seed=3, out=tmp_path / "full")
-    play_league(full)
-    assert (sampled / "results.csv").read_bytes() == (tmp_path / "full" / "results.csv").read_bytes()
-    assert check(sampled / "rallies.mcap", GAME).problems == ()
-    some, everything = (read_rallies(run / "rallies.mcap") for run in (sampled, tmp_path / "full"))
-    with RallyLog(sampled / "rallies.mcap") as log:
-        assert log.header.record == "sample:4"
-        expected = everything.select(Sampling(every=4).keeps(log.header, everything.pairing, everything.match))
-    assert 0.1 < len(some) / len(everything) < 0.4
-    for field in ("pairing", "match", "rally", "winner", "stroke"):
-        assert np.array_equal(getattr(some, field), getattr(expected, field))
-    assert "One match in 4, drawn at random, is in" in (sampled / "report.html").read_text()
-    counted = sum(row["rallies"] for row in pyarrow.parquet.read_table(sampled / "results.parquet").to_pylist())
-    assert counted == len(everything)
-
-
-def test_rallies_that_do_not_belong_to_the_sample_are_found(tmp_path: Path, sampled: Path) -> None:
-    with RallyLog(sampled / "rallies.mcap") as log:
-        header = dataclasses.replace(log.header, record="sample:5")
-    with RallyLogWriter(tmp_path / "a.mcap", header) as log_writer:
-        log_writer.append(read_rallies(sampled / "rallies.mcap"))
-    assert "does not belong to sample:5" in check(tmp_path / "a.mcap").problems[0]

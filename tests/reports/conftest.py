@@ -18,6 +18,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.reports import add_values, strokes_of
 from shuttle_marl.reports.languages import Language
 from shuttle_marl.reports.match import MatchReport, match_report, matches_in
+from shuttle_marl.reports.pages import match_page
 from shuttle_marl.reports.words import Words
 from tests.pages import Tags, parsed
 from tests.reduced import reduced_model
@@ -50,6 +51,11 @@ def sample() -> pa.Table:
 def reported(sample: pa.Table, model: str) -> MatchReport:
     match = sample.filter(pc.equal(sample["match"], matches_in(sample)[1]))
     return match_report(match, game=resolve_game(model))
+
+
+@pytest.fixture(scope="session")
+def page(reported: MatchReport) -> bytes:
+    return match_page(reported)
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import BWF, Rules, Score
 from shuttle_marl.game.shipped import default_game, resolve_game
 from shuttle_marl.game.stroke import SHOTS, Catalogue
+from shuttle_marl.recording import RallyLog
 from shuttle_marl.reports import charts, coach
 from shuttle_marl.reports.habits import Habit, Page1, Statement
 from shuttle_marl.reports.languages import LANGUAGES, Language, speaking
@@ -48,6 +49,11 @@ LONG = "x" * 200
 @pytest.fixture(scope="session")
 def scouted(model: str) -> ScoutingReport:
     return scout(B, A, model=model)
+
+
+@pytest.fixture(scope="session")
+def scouted_page(scouted: ScoutingReport) -> bytes:
+    return scouting_page(scouted)
 
 
 @pytest.fixture(scope="session")
@@ -82,9 +88,11 @@ def test_a_scouting_report_has_its_parts(scouted: ScoutingReport, sample: pa.Tab
     assert any(each.clear for each in told.options) != ("Nothing to do more or less" in text)
 
 
-def test_page_1_has_statements_with_counts_and_nothing_of_luck(scouted: ScoutingReport, reported: MatchReport) -> None:
-    for figures, page in ((scouted.as_json(), scouting_page(scouted)), (reported.as_json(), match_page(reported))):
-        _, text = read(page)
+def test_page_1_has_statements_with_counts_and_nothing_of_luck(
+    scouted: ScoutingReport, scouted_page: bytes, reported: MatchReport, page: bytes
+) -> None:
+    for figures, content in ((scouted.as_json(), scouted_page), (reported.as_json(), page)):
+        _, text = read(content)
         said = json.loads(json.dumps(figures["page1"], allow_nan=False))
         assert said
         for each in said:
@@ -116,13 +124,10 @@ def test_examples_show_habits_of_the_opponent(scouted: ScoutingReport, sample: p
     assert f"game {example.game} at {points}" in text
 
 
-def test_charts_are_those_that_somebody_looked_at(scouted: ScoutingReport, reported: MatchReport) -> None:
+def test_charts_are_those_that_somebody_looked_at(scouted_page: bytes, page: bytes) -> None:
     found = {}
-    for name, page in (
-        ("scouting report", scouting_page(scouted)),
-        ("match report", match_page(reported)),
-    ):
-        for number, svg in enumerate(re.findall("<svg.*?</svg>", page.decode(), re.DOTALL)):
+    for name, content in (("scouting report", scouted_page), ("match report", page)):
+        for number, svg in enumerate(re.findall("<svg.*?</svg>", content.decode(), re.DOTALL)):
             found[f"{name}, {number}"] = golden.drawing(svg)
     golden.check("report_charts", found, 0.01)
 
@@ -334,8 +339,8 @@ def test_a_match_without_places(match: pa.Table, model: str) -> None:
     assert "No single choice was clearly worse" in read(match_page(report))[1]
 
 
-def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, reported: MatchReport) -> None:
-    assert "By the score" not in read(match_page(reported))[1]
+def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, reported: MatchReport, page: bytes) -> None:
+    assert "By the score" not in read(page)[1]
     keep = pc.invert(pc.is_in(match["rally"], value_set=pa.array([3, 4, 9], match.schema.field("rally").type)))
     report = match_report(match.filter(keep), game=resolve_game(model))
     played = sum(map(sum, report.score))
@@ -347,8 +352,8 @@ def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, r
     assert match_report(match.filter(pa.array(~late)), game=resolve_game(model)).rallies[-1].after == reported.rallies[-1].after
 
 
-def test_a_game_that_the_data_lack_is_mentioned(match: pa.Table, model: str, reported: MatchReport) -> None:
-    assert "Game 1 is not in the data" not in read(match_page(reported))[1]
+def test_a_game_that_the_data_lack_is_mentioned(match: pa.Table, model: str, reported: MatchReport, page: bytes) -> None:
+    assert "Game 1 is not in the data" not in read(page)[1]
     report = match_report(match.filter(pc.greater(match["game"], 1)), game=resolve_game(model))
     assert report.score == reported.score[1:]
     assert all(np.isnan([row.before, row.after]).all() for row in report.rallies)  # nobody knows who won it
@@ -464,7 +469,7 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     assert "no match 7" in capsys.readouterr().err
     # The live court serves the same page for each rally of the match.
     game = resolve_game(model)
-    recorded = LogRallies(log, game)
+    recorded = LogRallies(RallyLog(log), game)
     page = _downloads(RallyOptions(replay=log), recorded, game)["report", "text/html"]
     number = next(k for k in range(recorded.count) if recorded.match(k) == (0, 1))
     assert read(page(number + 1))[1] == text

@@ -8,7 +8,6 @@ import pytest
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.exact import evaluate, moved
-from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import tabulate
 from shuttle_marl.game.shipped import REFITS, RELIABLE, factor_of, load_game, real_strokes, refits_of
 from shuttle_marl.game.tables import Game
@@ -127,10 +126,10 @@ def test_impossible_ratings_are_refused(wrong: dict[str, float]) -> None:
         Rating().after([1.5])
 
 
-def test_the_best_stroke_has_quality_one_and_strokes_that_are_not_judged_have_none() -> None:
-    game = default_game()
-    judged = rater_of(game).rated(np.flatnonzero(game.playable)[:200])
+def test_the_best_stroke_has_quality_one_and_strokes_that_are_not_judged_have_none(basis: Rater, states: I64) -> None:
+    judged = basis.rated(states)
     found = judged.quality
+    assert judged.known.any()
     assert (np.isnan(found) == ~judged.known).all()
     assert (found[judged.best[judged.best >= 0]] == 1).all()
     assert (judged.behind[~np.isnan(found)] >= RELIABLE).all()

@@ -115,7 +115,7 @@ def test_differences_that_chance_makes_are_not_named(match: pa.Table) -> None:
     """Nor those of the ends of the court, nor those of few strokes, nor those of centimetres."""
     players = players_of(match)
     named = [any(w.depth.clear or w.side.clear for w in waits(placed(match, (3.8, 3.8), (0, 0), end=0.5, seed=k), players))
-             for k in range(12)]  # fmt: skip
+             for k in range(8)]  # fmt: skip
     assert sum(named) <= 1
     for depth, rows in (((3.0, 4.5), 60), ((3.8, 3.85), len(match))):
         found = waits(placed(match, depth, (0, 0), noise=0.05).slice(0, rows), players)

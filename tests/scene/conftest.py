@@ -1,8 +1,6 @@
 """A small log and its scenes."""
 
-import bisect
 import dataclasses
-import functools
 import io
 import json
 from pathlib import Path
@@ -15,8 +13,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
-from shuttle_marl.court.scene import topics
-from shuttle_marl.court.scene.topics import WORLD
+from shuttle_marl.court.scene import write as topics
+from shuttle_marl.court.scene.shapes import WORLD
 from shuttle_marl.court.scene.write import select, write_scene
 from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig
@@ -47,47 +45,13 @@ class Reel:
 
     def placed(self, time: int) -> dict[str, Placed]:
         """Pose of every frame of reference after a seek to a time: from the last message of each topic."""
-        told = self._told[max(when for when in self._told if when <= time)]
-        return {WORLD: (np.eye(3), np.zeros(3))} | {name: one.at(time) for name, one in told.items()}
-
-    @functools.cached_property
-    def _told(self) -> dict[int, dict[str, "Transforms"]]:
-        """Transforms by the time of their packet."""
-        return {time: transforms_by_frame(packet.transforms) for time, packet in self.of(topics.TF)}
-
-
-@dataclasses.dataclass(frozen=True)
-class Transforms:
-    """A frame of reference: quaternions and places on the court by time [ns]."""
-
-    when: list[int]
-    turns: npt.NDArray[np.float64]
-    places: npt.NDArray[np.float64]
-
-    def at(self, time: int) -> Placed:
-        """Interpolated rotation and position."""
-        after = min(bisect.bisect_right(self.when, time), len(self.when) - 1)
-        before = max(after - 1, 0)
-        share = min(max((time - self.when[before]) / max(self.when[after] - self.when[before], 1), 0.0), 1.0)
-        turn, to = (Rotation.from_quat(self.turns[i]) for i in (before, after))
-        way = (turn.inv() * to).as_rotvec()
-        matrix = (turn * Rotation.from_rotvec(share * way)).as_matrix()
-        return matrix, (1 - share) * self.places[before] + share * self.places[after]
-
-
-def transforms_by_frame(transforms: list[Any]) -> dict[str, Transforms]:
-    by_name: dict[str, list[Any]] = {}
-    for transform in transforms:
-        assert transform.parent_frame_id == WORLD
-        by_name.setdefault(transform.child_frame_id, []).append(transform)
-    return {
-        name: Transforms(
-            when=[t.timestamp.ToNanoseconds() for t in own],
-            turns=np.array([(t.rotation.x, t.rotation.y, t.rotation.z, t.rotation.w) for t in own]),
-            places=np.array([(t.translation.x, t.translation.y, t.translation.z) for t in own]),
-        )
-        for name, own in by_name.items()
-    }
+        message = next(message for when, message in reversed(self.of(topics.TF)) if when <= time)
+        found = {WORLD: (np.eye(3), np.zeros(3))}
+        for transform in message.transforms:
+            assert transform.parent_frame_id == WORLD
+            q, v = transform.rotation, transform.translation
+            found[transform.child_frame_id] = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), np.array([v.x, v.y, v.z])
+        return found
 
 
 def read(content: bytes) -> list[tuple[int, str, Any]]:

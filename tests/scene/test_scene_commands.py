@@ -13,20 +13,22 @@ import pytest
 from mcap.reader import make_reader
 
 from shuttle_marl.commands.recording import main
-from shuttle_marl.court.scene import SceneError, select, topics
-from shuttle_marl.court.scene.write import report_rally, write_scene
+from shuttle_marl.court import WatchError
+from shuttle_marl.court.recorded import LogRallies
+from shuttle_marl.court.scene import select
+from shuttle_marl.court.scene import write as topics
+from shuttle_marl.court.scene.write import write_scene
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
-from shuttle_marl.policy.registry import resolve, resolve_recorded
+from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter
-from shuttle_marl.reports import LogPlayers
 from tests.scene.conftest import read
 
 
 def test_a_rally_is_written_to_a_file(log_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "deep" / "scene.mcap"
-    assert main(["scene", str(log_path), "--rally", "1", "--fps", "25", "--out", str(out)]) == 0
+    assert main(["scene", str(log_path), "--rally", "1", "--out", str(out)]) == 0
     assert f"{out}: 1 rallies" in capsys.readouterr().out
     summary = make_reader(io.BytesIO(out.read_bytes())).get_summary()
     assert summary.statistics.message_count > 0
@@ -36,31 +38,21 @@ def test_a_rally_is_written_to_a_file(log_path: Path, tmp_path: Path, capsys: py
 def test_a_match_that_the_log_does_not_have(log_path: Path) -> None:
     with RallyLog(log_path) as log:
         for pairing, match in ((0, 99), (7, 0)):
-            with pytest.raises(SceneError, match=f"no match {match} of pairing {pairing}"):
+            with pytest.raises(WatchError, match=f"no match {match} of pairing {pairing}"):
                 select(log, match=match, pairing=pairing)
 
 
 def test_rallies_that_a_scene_may_show(log_path: Path) -> None:
     with RallyLog(log_path) as log:
-        for choice in ({"rally": 1, "best": 1}, {"rally": 0, "match": 0}, {"match": 0, "best": 2}):
-            with pytest.raises(SceneError, match="expected one of --rally NUMBER, --match NUMBER, --best COUNT"):
-                select(log, **choice)
-        for best in (0, -1):
-            with pytest.raises(SceneError, match=f"--best {best}: expected 1 or more"):
-                select(log, best=best)
+        with pytest.raises(WatchError, match="expected one of --rally NUMBER, --match NUMBER"):
+            select(log, rally=0, match=0)
         assert select(log, rally=0) == [0]
-        assert select(log) == select(log, best=1)
         lengths = log.rally_table()["length"].to_pylist()
-        order = sorted(range(log.n_rallies), key=lambda k: (-lengths[k], k))
-        for best in (1, 3):
-            assert select(log, best=best) == order[:best][::-1], "the longest last"
+        assert select(log) == [max(range(log.n_rallies), key=lambda k: (lengths[k], -k))]
         for match in (0, 1):
             numbers = select(log, match=match)
             assert numbers == sorted(numbers)
             assert {int(log.rally(k).match[0]) for k in numbers} == {match}
-        for fps in (24, 51):
-            with pytest.raises(SceneError, match=f"{fps} frames per second: expected 25 to 50"):
-                write_scene(log, [0], default_game(), fps=fps)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +89,7 @@ def log_of(bc: TabulatedPolicy, tmp_path: Path) -> Callable[..., Path]:
 def shown(path: Path, *flags: str) -> dict[str, list[dict[str, Any]]]:
     """The JSON messages of the scene that the command makes of the one rally of a log, by topic."""
     out = path.with_name("scene.mcap")
-    assert main(["scene", str(path), "--rally", "0", "--fps", "25", "--out", str(out), *flags]) == 0
+    assert main(["scene", str(path), "--rally", "0", "--out", str(out), *flags]) == 0
     found: dict[str, list[dict[str, Any]]] = {}
     for _, channel, message in make_reader(io.BytesIO(out.read_bytes())).iter_messages():
         if channel.message_encoding == "json":
@@ -111,7 +103,7 @@ def test_probabilities_of_an_unknown_policy_are_omitted(
     """A log of a policy that this machine does not have: what follows from the game alone is still shown."""
     found = shown(log_of(Player(name="no-such-policy", hash="0" * 64), Player(name="bc", hash=bc_hash)))
     assert "without probabilities of no-such-policy: no policy" in capsys.readouterr().err
-    assert "/rally/value" not in found
+    assert all("rally_win_0" not in stroke for stroke in found["/rally/stroke"])
     for stroke in found["/rally/stroke"]:
         assert 0 <= stroke["p_succ"] <= 1
         assert ("probability" in stroke) == (stroke["player"] == "bc")
@@ -154,7 +146,7 @@ def test_a_log_never_runs_code(
 ) -> None:
     found = shown(log_of(Player(name=name, hash="0" * 64), Player(name="bc", hash=bc_hash)))
     assert not trap.exists()
-    assert "/rally/value" not in found
+    assert all("rally_win_0" not in stroke for stroke in found["/rally/stroke"])
     said = capsys.readouterr().err
     assert f"without probabilities of {name}: " in said
     assert "--policy" in said
@@ -170,7 +162,7 @@ def test_a_flag_gives_the_policy_of_a_name(
     assert not trap.exists()
     assert "without probabilities" not in capsys.readouterr().err
     assert all("probability" in stroke for stroke in found["/rally/stroke"])
-    assert found["/rally/value"]
+    assert all(0 < stroke["rally_win_0"] < 1 for stroke in found["/rally/stroke"])
 
 
 @pytest.mark.parametrize(("recorded", "said"), [("1" * 64, "not the one that played"), ("", "holds no hash of its table")])
@@ -181,7 +173,7 @@ def test_a_different_policy_of_the_same_name_is_not_used(
     found = shown(log_of(Player(name="bc", hash=bc_hash), Player(name="random", hash=recorded)))
     assert f"without probabilities of random: {'' if recorded else 'the log '}" in (err := capsys.readouterr().err)
     assert said in err
-    assert "/rally/value" not in found
+    assert all("rally_win_0" not in stroke for stroke in found["/rally/stroke"])
     assert all(("probability" in stroke) == (stroke["player"] == "bc") for stroke in found["/rally/stroke"])
 
 
@@ -197,10 +189,9 @@ def test_names_of_a_log_are_printed_without_control_characters_and_markup(
     assert f"without probabilities of {clean}: " in said
     assert "without probabilities of [/]: " in said
     content = (tmp_path / "scene.mcap").read_bytes()
-    words = [message.message for _, topic, message in read(content) if topic == "/log"]
     texts = [t.text for _, topic, m in read(content) if topic in topics.SCENES for e in m.entities for t in e.texts]
-    assert clean in [text.replace("\n", "") for text in texts]
-    assert all(character not in text for text in (*words, *texts) for character in "\x1b\u202e")
+    assert clean in texts
+    assert all(character not in text for text in texts for character in "\x1b\u202e")
     (facts,) = (found.metadata for found in make_reader(io.BytesIO(content)).iter_metadata())
     assert list(json.loads(facts["policies"])) == [name, "[/]"]
 
@@ -210,11 +201,10 @@ def test_players_look_as_who_they_are(log_of: Callable[..., Path], bc_hash: str)
     players = Player(name="bc", hash=bc_hash), Player(name="bc:kento-momota"), Player(name="bc:an-se-young")
     game = default_game()
     with RallyLog(log_of(*players, seats=((0, 0), (0, 1), (2, 0)))) as log:
-        known = LogPlayers(log, game, resolve_recorded)
-        looks = [((report := report_rally(log, k, game, known)).played.hands[1], report.athletes[1]) for k in range(3)]
+        rallies = [LogRallies(log, game).rally(k) for k in range(3)]
+        looks = [(rally.hands[1], rally.athletes[1]) for rally in rallies]
         assert looks == [("right", "male"), ("left", "male"), ("right", "female")]
-        assert report_rally(log, 0, game, known, ("right", "left")).played.hands == ("right", "left")
-        content, _ = write_scene(log, [0, 1, 2], game, fps=25)
+        content, _ = write_scene(log, [0, 1, 2], game)
     shown = [message for _, topic, message in read(content) if topic == topics.PLAYERS]
     knees = [{entity.frame_id: entity for entity in message.entities}["1/LeftLeg"].spheres[0].size.x for message in shown]
     assert knees[2] < knees[0] == knees[1], "one entity of players for each look"

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.court.scene.topics import court, name_lines
+from shuttle_marl.court.scene.shapes import court
 from shuttle_marl.court.scene.write import frames_of, percent
 from shuttle_marl.court.staging import stage
 from shuttle_marl.court.staging.skeleton import CORK, FEATHER, RACKET_BUTT, RACKET_HEAD, RACKET_LENGTH
@@ -22,20 +22,6 @@ from tests.staging.played import self_play_rallies
 )
 def test_no_probability_is_rounded_to_a_certainty(probability: float, words: str) -> None:
     assert percent(probability) == words
-
-
-@pytest.mark.parametrize(
-    ("name", "width", "lines"),
-    [
-        ("", 4, [""]),
-        ("Anna", 4, ["Anna"]),
-        ("Annabella", 4, ["Anna", "bell", "a"]),
-        ("Anna Isabella", 8, ["Anna", "Isabella"]),
-        ("Anna-Isabella", 4, ["Anna", "-Isa", "…"]),
-    ],
-)
-def test_names_in_lines(name: str, width: int, lines: list[str]) -> None:
-    assert name_lines(name, width) == lines
 
 
 def numbers(message: object) -> list[float]:
@@ -58,9 +44,11 @@ def test_lines_of_the_court_are_those_of_the_laws() -> None:
         lines += [[0, side * y, 6.10, 0.04] for y in (6.70 - 0.02, 6.70 - 0.76, 1.98 + 0.02)]
         lines += [[0, side * (1.98 + 6.70) / 2, 0.04, 6.70 - 1.98]]
     assert_allclose(ground[2:, [0, 1, 3, 4]], lines, atol=1e-9)
-    assert_allclose(net[-2:, [0, 2, 5]], [[-3.05, 0.775, 1.55], [3.05, 0.775, 1.55]])
-    top = net[:-2, 2] + net[:-2, 5] / 2
-    assert_allclose(top, 1.524 + 0.026 * (net[:-2, 0] / 3.05) ** 2, atol=2e-3)
+    assert_allclose(net[:2, [0, 2, 5]], [[-3.05, 0.775, 1.55], [3.05, 0.775, 1.55]])
+    tape, mesh = net[2::2], net[3::2]
+    assert_allclose(tape[:, 2] + tape[:, 5] / 2, 1.524 + 0.026 * (tape[:, 0] / 3.05) ** 2)
+    assert_allclose(mesh[:, 2] + mesh[:, 5] / 2, tape[:, 2] - tape[:, 5] / 2)
+    assert_allclose(tape[:, 5] + mesh[:, 5], 0.76)
 
 
 def test_racket_and_shuttle_keep_the_laws() -> None:

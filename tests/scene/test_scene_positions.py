@@ -8,7 +8,7 @@ import pytest
 
 from shuttle_marl.court.match import Match, MatchLog, PolicyTables
 from shuttle_marl.court.plan import Plan, Side
-from shuttle_marl.court.scene import topics
+from shuttle_marl.court.scene import write as topics
 from shuttle_marl.court.scene.write import write_scene
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.shipped import load_game, waiting_places

@@ -19,6 +19,6 @@ def test_every_message_and_attachment_is_read(reel: Any, scene_file: Path, tmp_p
     found = json.loads(done.stdout)
     expected = dict(collections.Counter(topic for _, topic, _ in reel.messages))
     assert found["streamed"] == found["indexed"] == expected
-    layouts = {f"{name}.{viewer}.json" for name in ("layout", "match") for viewer in ("foxglove", "lichtblick")}
+    layouts = {f"layout.{viewer}.json" for viewer in ("foxglove", "lichtblick")}
     assert set(found["attachments"]) == layouts
     assert min(found["attachments"].values()) > 1000

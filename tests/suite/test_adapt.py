@@ -170,7 +170,7 @@ def test_scores_of_a_quick_run_count_every_rally(arena: Arena) -> None:
 
 def test_a_method_that_reads_the_opponent_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="no attribute 'opponent'"):
-        run(tmp_path, f"{__name__}:Peeking")
+        small.unit("adapt-v1", f"{__name__}:Peeking", tmp_path)
 
 
 @pytest.mark.parametrize("method", ["minimax", "restricted-nash:0.5", "counts:0.8", "mixture"])

@@ -20,7 +20,6 @@ from shuttle_marl.commands.suite import main
 from shuttle_marl.suite import results
 from shuttle_marl.suite.board import render, rows_of, shown
 from shuttle_marl.suite.exploit import Trained
-from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.results import TASKS, Row, arena_of, verify_run
 from tests.reduced import reduced_model
 from tests.suite.small import run, summary, verified
@@ -251,12 +250,3 @@ def test_reasons_are_printed_without_escapes(folder: Path, capsys: pytest.Captur
     config(folder, method="\x1b]0;x\x07 @all")
     assert main(("board", str(folder), "--game", reduced_model())) == 1
     assert "\x1b" not in "".join(capsys.readouterr())
-
-
-def test_what_cannot_be_read_again_is_not_stored(tmp_path: Path) -> None:
-    with pytest.raises(SuiteError, match="cannot be stored"):
-        run("exploit-entrance-v1", f"{__name__}:absurd", tmp_path / "run")
-
-
-def absurd(setting: Any) -> Trained:
-    return Trained(player="bc", strokes=-1)

@@ -48,7 +48,7 @@ from shuttle_marl.suite.tabular import (
 from tests import golden
 from tests.exact.exact_games import THREE_STROKES, hand_made
 from tests.reduced import reduced_game, reduced_model
-from tests.suite.small import run, summary, verified
+from tests.suite.small import run, summary, unit, verified
 
 GAME = reduced_game()
 CLEAR = "clear:back-left:above:forehand"
@@ -378,7 +378,7 @@ def half(setting: Any) -> Answering:
 
 def test_an_object_of_another_task_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match=r"expected an object with fit"):
-        run("offline-v1", f"{__name__}:half", tmp_path / "two")
+        unit("offline-v1", f"{__name__}:half", tmp_path)
 
 
 def test_what_positions_change_is_estimated() -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -24,9 +25,10 @@ from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.results import TASKS, summarise, task_of_run, verify_run
 from tests import golden
 from tests.reduced import reduced_game, reduced_model
-from tests.suite.small import run, summary, verified
+from tests.suite.small import run, summary, unit, verified
 
 GAME = reduced_game()
+TASK = "exploit-entrance-v1"
 
 
 def table(name: str) -> TabulatedPolicy:
@@ -54,7 +56,7 @@ class First:
         return int(mask.argmax())
 
 
-def played(tmp_path: Path, method: str, task: str = "exploit-entrance-v1", **options: Any) -> Path:
+def played(tmp_path: Path, method: str, task: str = TASK, **options: Any) -> Path:
     return run(task, method, tmp_path / method.replace(":", "-"), **options)
 
 
@@ -82,14 +84,19 @@ def test_the_game_of_a_run_is_the_one_that_its_reader_names() -> None:
         task_of_run(dataclasses.replace(config, budget=None))
 
 
-def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
-    folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    result, opponent = summary(folder), table("bc@0.5")
+@pytest.fixture(scope="module")
+def noisy_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seeds of a stranger's method; look, do not touch."""
+    return played(tmp_path_factory.mktemp("noisy"), f"{__name__}:noisy", seeds=2)
+
+
+def test_scores_are_exact_and_verified(noisy_run: Path) -> None:
+    result, opponent = summary(noisy_run), table("bc@0.5")
     wins = [evaluate(table(f"bc@{temperature}"), opponent).odds().rally for temperature in (0.3, 0.4)]
     perfect = evaluate(table("minimax"), opponent).odds().rally
     assert result["scores"]["score"]["value"] == pytest.approx(100 * (np.mean(wins) - perfect), abs=1e-6)
     assert result["low"] < result["score"] < result["high"]
-    assert reasons(folder) == []
+    assert reasons(noisy_run) == []
 
 
 def fails(setting: Any) -> Any:
@@ -120,11 +127,10 @@ counted, halves, negative, many = map(Declared, (np.int64(100), 0.5, -5, 10**9))
 
 
 def test_declared_strokes_are_checked(tmp_path: Path) -> None:
-    assert summary(played(tmp_path, f"{__name__}:counted"))["strokes"] == 100
-    for name in ("halves", "negative", "many"):
-        with pytest.raises(SuiteError, match="strokes"):
-            played(tmp_path, f"{__name__}:{name}")
-        assert not list((tmp_path / f"{__name__}-{name}" / results.ENTRIES).glob("*"))
+    assert unit(TASK, f"{__name__}:counted", tmp_path)[1].strokes == 100
+    for name, told in (("halves", "no whole number"), ("negative", "cannot be stored"), ("many", "more than the budget")):
+        with pytest.raises(SuiteError, match=told):
+            unit(TASK, f"{__name__}:{name}", tmp_path)
 
 
 def test_a_method_whose_library_is_missing_says_how_to_install_it(tmp_path: Path) -> None:
@@ -169,8 +175,8 @@ def test_estimates_of_the_opponent_are_answered(tmp_path: Path) -> None:
 
 
 def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
-    folder = played(tmp_path, f"{__name__}:First")
-    player = results.read_outcome(folder, results.read_entry(results.entry_path(folder, 0, 0)), GAME).policies["player"]
+    _, entry, policies = unit(TASK, f"{__name__}:First", tmp_path)
+    player = TabulatedPolicy.unpacked(policies[entry.policies["player"]], GAME, "")
     first = np.zeros(GAME.n_pairs)
     first[GAME.pair_start[:-1][GAME.playable]] = 1
     assert np.array_equal(player.pair_probabilities(), first)
@@ -181,11 +187,11 @@ def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
 )
 def test_an_illegal_player_is_refused(method: str, told: str, tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match=told):
-        played(tmp_path, f"{__name__}:{method}")
+        unit(TASK, f"{__name__}:{method}", tmp_path)
 
 
-def test_a_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
+def test_a_run_is_resumed(noisy_run: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(noisy_run, tmp_path / noisy_run.name))
     whole = summary(folder)
     kept = results.entry_path(folder, 0, 0).read_bytes()
     results.entry_path(folder, 0, 1).unlink()

@@ -28,7 +28,7 @@ from shuttle_marl.training import Evaluator
 from shuttle_marl.training.networks import logit_network, make_actor, weights_of
 from tests.exact.exact_games import random_game, tiring_game
 
-GAME = default_game()
+GAME, TIRING = default_game(), tiring_game()
 SHIPPED = ("a2c", "ppo", "ppo:attacking", "ppo:cautious", "ppo:defensive", "ppo:self-play", "sac")
 
 
@@ -142,24 +142,30 @@ def tables(cache: Path) -> list[bytes]:
         return [content for [content] in database.execute("SELECT content FROM tables")]
 
 
-def test_a_table_is_made_again_where_it_is_damaged(cache: Path) -> None:
-    folder = shipped_folder("ppo:attacking", model_folder())
-    first = load_agent(folder, GAME)
+def small_agent(folder: Path) -> Path:
+    save_agent(folder, TIRING, save(weights_of(make_actor(TIRING, width=8, hidden=1))), {})
+    return folder
+
+
+def test_a_table_is_made_again_where_it_is_damaged(cache: Path, tmp_path: Path) -> None:
+    folder = small_agent(tmp_path / "one")
+    first = load_agent(folder, TIRING)
     [whole] = tables(cache)
     for damaged in (whole, whole[:-1], whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:], b""):
         with sqlite3.connect(cache) as database:
             database.execute("UPDATE tables SET content = ?", (damaged,))
-        assert load_agent(folder, GAME).hash == first.hash
+        assert load_agent(folder, TIRING).hash == first.hash
         assert tables(cache) == [whole]
-    load_agent(shipped_folder("ppo:cautious", model_folder()), GAME)
+    load_agent(small_agent(tmp_path / "other"), TIRING)
     assert len(tables(cache)) == 2
 
 
-def test_agents_play_without_a_cache(cache: Path) -> None:
-    before = load_agent(shipped_folder("ppo:attacking", model_folder()), GAME).hash
+def test_agents_play_without_a_cache(cache: Path, tmp_path: Path) -> None:
+    agent = small_agent(tmp_path / "agent")
+    before = load_agent(agent, TIRING).hash
     cache.unlink()
     cache.mkdir()
-    assert load_agent(shipped_folder("ppo:attacking", model_folder()), GAME).hash == before
+    assert load_agent(agent, TIRING).hash == before
 
 
 def test_playing_needs_no_torch() -> None:

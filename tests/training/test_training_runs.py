@@ -112,7 +112,7 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
 def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figures = Evaluation(rally_win=0.5, match_win=0.5, normalised_score=0.0, exploitability=0.5)
     monkeypatch.setattr(Evaluator, "evaluate", lambda *_, **__: figures)
-    config = SACConfig(**{**SMALL, "batch": 64, "width": 4, "checkpoint_every": 2}, strokes=64 * 3, warm_up=100, minibatch=16)
+    config = SACConfig(**{**SMALL, "batch": 64, "width": 4, "checkpoint_every": 2}, strokes=64 * 3, warm_up=100, minibatch=64)
     whole = train(dataclasses.replace(config, out=tmp_path / "whole")).folder
     for when in itertools.count(1):
         folder = tmp_path / f"stopped-{when}"
@@ -354,17 +354,17 @@ def test_self_play_meets_its_pool_in_a_fraction_of_rallies(tmp_path: Path) -> No
 
 
 def test_every_rally_is_recorded_by_default(tmp_path: Path) -> None:
-    """And of the first ones, or of one in N, also the learner's probabilities and values."""
-    usual = read_rallies(train(PPOConfig(**{**LOGGED, "figures": "auto"}, out=tmp_path / "usual")).folder / LOG)
-    assert np.isfinite(usual.value[usual.pairing[usual.row_of_stroke] == 0]).mean() > 0.4
-    done = train(PPOConfig(**{**LOGGED, "figures": "sample:4"}, out=tmp_path / "run"))
+    """And of some the learner's probabilities and values."""
+    done = train(PPOConfig(**{**LOGGED, "figures": "auto"}, out=tmp_path / "run"))
     assert PPOConfig().record == "all"
     found = read_rallies(done.folder / LOG)
     own = found.policy[found.row_of_stroke, found.striker] == 0
     assert own.sum() == read_card(done.folder / "agent")["strokes"]
     known = np.isfinite(found.value)
     assert (known == np.isfinite(found.log_probability)).all()
-    assert 0.15 < known[own].mean() < 0.35
+    first = found.pairing[found.row_of_stroke] == 0
+    assert known[own & first].all()
+    assert 0 < known[own & ~first].mean() < 0.2
     # Whole rallies.
     for row in range(len(found)):
         assert len(set(known[(found.row_of_stroke == row) & own])) <= 1
@@ -385,14 +385,10 @@ def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
     """Nor does the room for recorded strokes, or how it grew."""
     first, *others = (
         weights(train(PPOConfig(**{**LOGGED, "growth": 4.0, "record": record}, out=tmp_path / record)).folder)
-        for record in ("all", "sample:3", "none")
+        for record in ("all", "none")
     )
     assert all(other == first for other in others)
     assert not (tmp_path / "none" / LOG).exists()
-    assert check(tmp_path / "sample:3" / LOG, GAME).problems == ()
-    every, some = read_rallies(tmp_path / "all" / LOG), read_rallies(tmp_path / "sample:3" / LOG)
-    assert math.isclose(len(some) / len(every), 1 / 3, rel_tol=0.25)
-    assert set(zip(some.pairing, some.match, strict=True)) < set(zip(every.pairing, every.match, strict=True))
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no CUDA device on this machine")

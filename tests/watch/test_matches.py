@@ -92,7 +92,7 @@ def test_persons_of_different_hands_meet_in_the_game_of_different_hands(small: P
     log.close()
     path = next(tmp_path.glob("*.mcap"))
     assert check(path, opposite).problems == ()
-    shown = LogRallies(path, opposite).rally(1)
+    shown = LogRallies(RallyLog(path), opposite).rally(1)
     assert (shown.hands, shown.athletes) == (rallies[1].hands, rallies[1].athletes)
 
 

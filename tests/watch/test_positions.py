@@ -111,7 +111,7 @@ def test_rallies_of_a_person_are_recorded_and_replayed(policies: PolicyTables, t
     (path,) = tmp_path.glob("*.mcap")
     checked = check(path, policies.game)
     assert (checked.problems, checked.replayed, checked.rallies) == ((), True, len(finished))
-    shown = LogRallies(path, policies.game)
+    shown = LogRallies(RallyLog(path), policies.game)
     for number, rally in enumerate(finished):
         assert shown.rally(number).waited.tolist() == rally.waited.tolist()
     with RallyLog(path) as read:
@@ -181,7 +181,7 @@ def test_a_position_is_tried_in_a_recorded_rally(policies: PolicyTables, tmp_pat
     for number in range(6):
         log.add(plan, Match(plan, policies).rally(number))
     log.close()
-    recorded = LogRallies(next(tmp_path.glob("*.mcap")), policies.game)
+    recorded = LogRallies(RallyLog(next(tmp_path.glob("*.mcap"))), policies.game)
     answers, stepper = Answers(policies, plan, recorded=recorded), stepper_of(policies.game)
     changed = []
     for rally in map(recorded.rally, range(recorded.count)):

@@ -16,6 +16,7 @@ from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import game_of_people, pair_game
 from shuttle_marl.game.policy import tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.recording import RallyLog
 from shuttle_marl.reports.rally import legal_states
 from tests.reduced import reduced_game, reduced_model
 from tests.watch.annotated import EVENT, SAMPLE, annotated_rallies, with_column
@@ -53,7 +54,7 @@ def test_a_stroke_is_tried_in_a_recorded_rally(small: PolicyTables, tmp_path: Pa
     for number in range(8):
         log.add(PLAN, Match(PLAN, small).rally(number))
     log.close()
-    recorded = LogRallies(next(tmp_path.glob("*.mcap")), game)
+    recorded = LogRallies(RallyLog(next(tmp_path.glob("*.mcap"))), game)
     answers = Answers(small, PLAN, recorded=recorded)
     for rally in map(recorded.rally, range(recorded.count)):
         k = len(rally) - 1

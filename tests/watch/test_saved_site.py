@@ -155,24 +155,12 @@ def test_a_site_has_the_rallies_that_fit(small: tuple[Answers, Plan], files: Pat
         save_site(folder, files, answers, limit=one - 1)
 
 
-def test_recorded_matches_have_an_overview_each(policies: PolicyTables, files: Path, tmp_path: Path) -> None:
-    """Rallies 0 to 4 are of the first match, rally 5 is of the second."""
+def test_recorded_matches_have_reports_instead(policies: PolicyTables, files: Path, tmp_path: Path) -> None:
     plan = Plan(seed=1, sides=(Side(policy="bc"), Side(policy="bc")))
-    recorded, folder = annotated_rallies(policies.game), tmp_path / "site"
-    answers = Answers(policies, plan, recorded=recorded, first=5)
-    assert save_site(folder, files, answers)[::2] == (6, 0)
-    found = saved(folder)
-    for k in range(6):
-        assert found[f"rally-{k}"] == answers(RallyRequest(id=0, rally=k))
-        assert found[f"match-{k}"] == answers(MatchRequest(id=0, rally=5 if k == 5 else 0))
-    assert "styles" not in found
-    files_of = [path for path in folder.rglob("*.*") if path.stem[:5] not in ("hello", "match", "openi")]
-    limit = sum(path.stat().st_size for path in files_of)
-    assert save_site(folder, files, answers, limit=limit + 600_000 - 1)[::2] == (5, 1)
-    found = saved(folder)
-    hello = parsed(found["hello"])["recorded"]
-    assert (hello["count"], hello["first"]) == (5, 4)
-    assert "match-5" not in found
+    answers = Answers(policies, plan, recorded=annotated_rallies(policies.game))
+    with pytest.raises(WatchError, match="`report` writes pages of recorded matches"):
+        save_site(tmp_path / "site", files, answers)
+    assert not (tmp_path / "site").exists()
 
 
 def test_folders_with_other_files_are_refused(small: tuple[Answers, Plan], files: Path, tmp_path: Path) -> None:

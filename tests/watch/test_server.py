@@ -213,12 +213,6 @@ def test_two_named_players_are_served(page_folder: Any) -> None:
         assert get(port_of(server), "/")[0] == 200
 
 
-def test_half_sent_requests_time_out(tmp_path: Path) -> None:
-    with running(tmp_path) as address, socket.create_connection(address, timeout=60) as client:
-        client.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
-        assert client.recv(1) == b""
-
-
 def test_invalid_utf_8_ends_the_connection_without_a_traceback(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with running(tmp_path) as address, connect(f"ws://127.0.0.1:{address[1]}/ws", proxy=None) as client:
         client.send(b"\xff\xfe", text=True)

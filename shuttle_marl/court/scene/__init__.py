@@ -5,17 +5,11 @@ Needs the extra ``scene``, whose libraries are imported when a function is first
 
 from typing import TYPE_CHECKING
 
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.court.scene.write import select, write_scene
 
-__all__ = ["SceneError", "select", "write_scene"]
-
-
-class SceneError(ShuttleError):
-    """A scene that cannot be written or drawn, or an unknown option."""
-
+__all__ = ["select", "write_scene"]
 
 __getattr__, __dir__ = lazily(__name__)

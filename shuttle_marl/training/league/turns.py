@@ -131,8 +131,8 @@ class _Turn(Callback):
         others = [Player(name=f"frozen-{name[:12]}", hash=name) for name in turn.opponents]
         others += [Player(name="best-response")] if turn.response_fraction else []
         path, players = self.folder / RALLIES / f"{turn.member}-{turn.round}.mcap", (Player(name=turn.member), *others)
-        seeds, record = [turn.seed % SEEDS], self.config.record
-        self.log = RunLog(path, self.game, players, seeds, seed=turn.seed, record=record)
+        recorded = path if self.config.record == "all" else None
+        self.log = RunLog(recorded, self.game, players, [turn.seed % SEEDS], seed=turn.seed)
         first, last = turn.remaining
         with self.log, ThreadPoolExecutor(1) as self.solver:
             try:

@@ -1,4 +1,4 @@
-"""Logs of several files: parts by size, and folders with the logs of several writers."""
+"""Logs that are resumed, and folders with the logs of several writers."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -10,83 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
-from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
+from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError
 from shuttle_marl.recording.header import DamagedLogError
-from shuttle_marl.recording.log_file import part_path, unfinished
-from shuttle_marl.recording.reader import check
+from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recorder import resume
-from tests.recording.conftest import read_rallies, same
-
-
-@pytest.fixture
-def in_parts(tmp_path: Path, rallies, header) -> Path:
-    """200 rallies in batches of 16, two batches to a file."""
-    path = tmp_path / "a.mcap"
-    with RallyLogWriter(path, header(), batch_rallies=16, max_bytes=8_000) as log:
-        log.append(rallies(200))
-    return path
-
-
-def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
-
-
-class TestParts:
-    def test_a_full_file_is_followed_by_another(self, in_parts: Path, rallies) -> None:
-        files = names(in_parts.parent)
-        assert len(files) > 3
-        assert set(files) == {"a.mcap", *(f"a.{i}.mcap" for i in range(1, len(files)))}
-        for path in (in_parts, in_parts.parent):
-            with RallyLog(path) as log:
-                assert len(log.files) == len(files)
-                assert [file.header.part for file in log.files] == list(range(len(files)))
-                assert same(read_rallies(path), rallies(200))
-                assert [first for first, _ in log.batches()] == list(range(0, 200, 16))
-                assert log.size == sum(file.stat().st_size for file in in_parts.parent.iterdir())
-                assert same(log.rally(150), rallies(200).slice(150, 151))
-                assert log.rally_table()["number"].to_pylist() == list(range(200))
-                assert log.stroke_table().num_rows == len(rallies(200).stroke)
-
-    def test_a_missing_part_is_noticed(self, in_parts: Path) -> None:
-        with RallyLog(part_path(in_parts, 1)) as log:
-            first, end = int(log.first_rally[0]), log.files[0].end
-        part_path(in_parts, 1).unlink()
-        with RallyLog(in_parts) as log:
-            assert len(log.rally(first - 1)) == len(log.rally(end)) == 1
-            with pytest.raises(RecordingError, match=f"no rally {first}"):
-                log.rally(first)
-        assert f"rallies {first} to {end - 1} are missing, before others of a.2.mcap" in check(in_parts).problems
-        alone = check(part_path(in_parts, 2)).problems
-        assert "a.2.mcap is part 2 of a log whose earlier parts are missing" in alone
-
-    def test_parts_of_another_log_do_not_belong(self, in_parts: Path, rallies, header, tmp_path: Path) -> None:
-        other = tmp_path / "b.mcap"
-        with RallyLogWriter(other, header(seed=8), batch_rallies=16, max_bytes=8_000) as log:
-            log.append(rallies(200))
-        part_path(other, 2).replace(part_path(in_parts, 2))
-        with RallyLog(in_parts) as log:
-            assert [file.path.name for file in log.files[:3]] == ["a.mcap", "a.1.mcap", "a.3.mcap"]
-        in_parts.unlink()
-        with pytest.raises(RecordingError, match="part of a rally log already"):
-            RallyLogWriter(in_parts, header())
-
-    def test_an_unfinished_part_is_left_out_and_recovered(self, tmp_path: Path, rallies, header) -> None:
-        path = tmp_path / "a.mcap"
-        log = RallyLogWriter(path, header(), batch_rallies=16, max_bytes=8_000)
-        log.append(rallies(200))
-        log.abort()
-        (part,) = tmp_path.glob("*.part")
-        with RallyLog(path) as read:
-            known = read.n_rallies
-        assert known < 192
-        found = recover(part)
-        assert (found.path, found.rallies, found.lost) == (part.with_suffix(""), 192 - known, 0)
-        assert same(read_rallies(path), rallies(200).slice(0, 192))
 
 
 class TestResume:
     def write(self, path: Path, header: LogHeader, parts: Sequence[Rallies], stop_after: int | None = None) -> Path:
-        log = RallyLogWriter(path, header, batch_rallies=8, max_bytes=12_000)
+        log = RallyLogWriter(path, header, batch_rallies=8)
         for i, part in enumerate(parts):
             log.append(part)
             log.flush()
@@ -105,13 +37,12 @@ class TestResume:
         parts = [rallies(20, seed) for seed in range(12)]
         self.write(folder / "whole.mcap", header(), parts)
         path = self.write(folder / "cut.mcap", header(), parts, stop)
-        (unfinished_part,) = folder.glob("*.part") if stop < 12 else (path,)
         if stop < 12:
-            content = unfinished_part.read_bytes()
-            unfinished_part.write_bytes(content[: len(content) - torn])
+            content = unfinished(path).read_bytes()
+            unfinished(path).write_bytes(content[: len(content) - torn])
         keep = min(keep, stop + 1, 12)
         try:
-            log = resume(path, header(), 20 * keep, batch_rallies=8, max_bytes=12_000)
+            log = resume(path, header(), 20 * keep, batch_rallies=8)
         except RecordingError:
             assert torn
             assert keep > 0
@@ -120,25 +51,21 @@ class TestResume:
             for part in parts[keep:]:
                 log.append(part)
                 log.flush()
-        expected = sorted(file.name.replace("whole", "cut") for file in folder.glob("whole*"))
-        assert sorted(file.name for file in folder.glob("cut*")) == expected
-        for name in expected:
-            assert (folder / name).read_bytes() == (folder / name.replace("cut", "whole")).read_bytes()
+        assert sorted(file.name for file in folder.iterdir()) == ["cut.mcap", "whole.mcap"]
+        assert path.read_bytes() == (folder / "whole.mcap").read_bytes()
 
     def test_a_resumption_that_was_killed(self, tmp_path: Path, rallies, header) -> None:
         parts = [rallies(20, seed) for seed in range(8)]
         whole = self.write(tmp_path / "whole.mcap", header(), parts)
         path = self.write(tmp_path / "cut.mcap", header(), parts, 7)
-        part = part_path(path, 1)
-        part.replace(part.with_name(part.name + ".part.old"))
-        unfinished(part).write_bytes(b"a copy that was cut off")
-        with resume(path, header(), 60, batch_rallies=8, max_bytes=12_000) as log:
+        unfinished(path).replace(tmp_path / "cut.mcap.part.old")
+        unfinished(path).write_bytes(b"a copy that was cut off")
+        with resume(path, header(), 60, batch_rallies=8) as log:
             for some in parts[3:]:
                 log.append(some)
                 log.flush()
-        for number in range(len(list(tmp_path.glob("whole*")))):
-            assert part_path(path, number).read_bytes() == part_path(whole, number).read_bytes()
-        assert len(list(tmp_path.glob("cut*"))) == len(list(tmp_path.glob("whole*")))
+        assert path.read_bytes() == whole.read_bytes()
+        assert sorted(file.name for file in tmp_path.iterdir()) == ["cut.mcap", "whole.mcap"]
 
     def test_a_log_with_a_hole_is_not_resumed(self, tmp_path: Path, rallies, header) -> None:
         path = self.write(tmp_path / "cut.mcap", header(), [rallies(8, seed) for seed in range(4)], 3)
@@ -168,7 +95,7 @@ class TestResume:
 class TestFolders:
     @pytest.fixture
     def shards(self, tmp_path: Path, rallies, header) -> Path:
-        """Three writers with policies and pairings of their own, one of them in parts; and a scene that is none of this."""
+        """Three writers with policies and pairings of their own; and a scene that is none of this."""
         policies = [Player(name=name) for name in ("a", "b", "c")]
         for worker in range(3):
             own = header(
@@ -176,9 +103,7 @@ class TestFolders:
                 policies=tuple(policies[worker:] + policies[:worker])[:2],
                 pairings=(worker + 10, worker + 11, 5),
             )
-            with RallyLogWriter(
-                tmp_path / f"worker-{worker}.mcap", own, batch_rallies=16, max_bytes=8_000 + worker * 10**6
-            ) as log:
+            with RallyLogWriter(tmp_path / f"worker-{worker}.mcap", own, batch_rallies=16) as log:
                 log.append(rallies(100, seed=worker))
         scene = Writer(str(tmp_path / "scene.mcap"))
         scene.start(profile="")
@@ -188,8 +113,7 @@ class TestFolders:
     def test_a_folder_is_one_table(self, shards: Path, rallies) -> None:
         wholes = [rallies(100, seed=worker) for worker in range(3)]
         with RallyLog(shards) as log:
-            assert len(log.logs) == 3
-            assert len(log.logs[0][1]) > 1
+            assert len(log.files) == 3
             assert (log.n_rallies, [player.name for player in log.policies]) == (300, ["a", "b", "c"])
             assert log.pairings == (10, 11, 5, 12, 13)
             table, strokes = log.rally_table(), log.stroke_table()
@@ -233,7 +157,7 @@ class TestFolders:
 
     def test_rallies_that_two_logs_share_count_once(self, tmp_path: Path, rallies, header) -> None:
         """The larger log is read, also where the other one begins later; a run of another seed is another one."""
-        logs = {"a": (header(record="sample:2"), rallies(200).slice(40, 100)), "b": (header(), rallies(200))}
+        logs = {"a": (header(), rallies(200).slice(40, 100)), "b": (header(), rallies(200))}
         logs["c"] = header(seed=8), rallies(200)
         for name, (about, played) in logs.items():
             with RallyLogWriter(tmp_path / f"{name}.mcap", about, batch_rallies=64) as log:
