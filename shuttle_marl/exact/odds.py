@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, TypeVar
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy  # its parts are imported when first used
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cache import Cache, key_of
@@ -179,7 +179,7 @@ def spread(values: Sequence[float]) -> Estimate:
     """Mean of a figure over two or more refits, and its 95 % prediction interval in one more refit (Student's t)."""
     n = len(values)
     mean = float(np.mean(values))
-    width = float(stdtrit(n - 1, 0.975) * np.std(values, ddof=1)) * math.sqrt(1 + 1 / n)
+    width = float(scipy.special.stdtrit(n - 1, 0.975) * np.std(values, ddof=1)) * math.sqrt(1 + 1 / n)
     return Estimate(mean, mean - width, mean + width)
 
 
