@@ -106,7 +106,7 @@ class Run:
         except (KeyboardInterrupt, Exception) as error:
             if not (isinstance(error, KeyboardInterrupt) or _noted):
                 raise
-            raise KeyboardInterrupt(f"interrupted; {saved()}; the same with --resume --out {self.folder} continues") from error
+            raise KeyboardInterrupt(f"interrupted; {saved()}; the same command with --resume --out {self.folder} continues") from error
 
     def save(self, number: int, about: dict[str, Any], content: dict[str, bytes]) -> None:
         """Write the checkpoint ``checkpoints/NUMBER``, and remove all but the latest two.
@@ -184,7 +184,8 @@ def open_run(out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool
                     f"{key}: {before.get(key)!r} then, {now!r} now" for key, now in fixed.items() if before.get(key) != now
                 ]:
                     flags = "; ".join(different)
-                    raise RunError(f"{folder}: was started with other flags ({flags}); give the same ones to resume it")
+                    advice = "give the same ones to resume it, or begin a new run if this version has no such flag"
+                    raise RunError(f"{folder}: was started with other flags ({flags}); {advice}")
             else:
                 folder = _new(default, stack) if out is None else _empty(out, stack, overwrite=overwrite)
                 write_json(folder / CONFIG, fixed)

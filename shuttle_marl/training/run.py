@@ -151,7 +151,7 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
 
 
 def _saved(run: runs.Run, config: TrainingConfig) -> str:
-    return f"iteration {run.last} of {config.iterations} is saved" if run.last else "no iteration yet is saved"
+    return f"iteration {run.last} of {config.iterations} is saved" if run.last else "no iteration is saved yet"
 
 
 def game_of(model: str, game: Game) -> dict[str, str]:

@@ -79,7 +79,7 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
 
 def _saved(folder: Path) -> str:
     state = LeagueState.load(folder)
-    return f"round {state.round} is saved" if state.population else "no round yet is saved"
+    return f"round {state.round} is saved" if state.population else "no round is saved yet"
 
 
 @dataclasses.dataclass(eq=False)
