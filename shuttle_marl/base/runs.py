@@ -106,7 +106,8 @@ class Run:
         except (KeyboardInterrupt, Exception) as error:
             if not (isinstance(error, KeyboardInterrupt) or _noted):
                 raise
-            raise KeyboardInterrupt(f"interrupted; {saved()}; the same command with --resume --out {self.folder} continues") from error
+            advice = f"the same command with --resume --out {self.folder} continues"
+            raise KeyboardInterrupt(f"interrupted; {saved()}; {advice}") from error
 
     def save(self, number: int, about: dict[str, Any], content: dict[str, bytes]) -> None:
         """Write the checkpoint ``checkpoints/NUMBER``, and remove all but the latest two.

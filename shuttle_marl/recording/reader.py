@@ -234,7 +234,7 @@ def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[LogFile]:
                     both = f"{log.path.name} and {path.name}"
                     raise RecordingError(f"{folder}: {both} share some of their rallies; read them one by one")
     if not logs:
-        raise RecordingError(f"{folder}: holds no rally log; name a file or a folder that does, or recover an unfinished one (FILE.part)")
+        raise RecordingError(f"{folder}: holds no rally log; name a file or a folder that does, or recover FILE.part")
     return logs
 
 
