@@ -36,7 +36,7 @@ _MATCHES: Final = 20_000
 _IN_MEMORY: Final = 256  # number of batches that are copied from memory
 _FOUND: Final = 100
 _BATCHES: Final = (64, 1024, 8192)
-_ACTIONS: Final = 400_000  # of a turn of an environment, at least
+_ACTIONS: Final = 4_000_000  # of a turn of an environment, at least: seconds, of which the end of the log is a small part
 _STEPS: Final = 256  # likewise
 
 
