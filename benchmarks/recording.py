@@ -40,22 +40,24 @@ _ACTIONS: Final = 4_000_000  # of a turn of an environment, at least: seconds, o
 _STEPS: Final = 256  # likewise
 
 
-def environments(folder: Path, turns: int) -> list[dict[str, float]]:
+def environments(folder: Path, turns: int, actions: int) -> list[dict[str, float]]:
     """Speed of ``make_vec`` with a log, of that without."""
     found = []
     for batch in _BATCHES:
-        pairs = [[_stepped(batch, path) for path in (None, folder / f"{batch}-{turn}.mcap")] for turn in range(turns + 1)]
+        pairs = [
+            [_stepped(batch, actions, path) for path in (None, folder / f"{batch}-{turn}.mcap")] for turn in range(turns + 1)
+        ]
         cpu, wall = np.median([np.divide(without, recorded) for without, recorded in pairs[1:]], axis=0).tolist()
         found.append({"batch": batch, "cpu_ratio": cpu, "wall_ratio": wall})
     return found
 
 
-def _stepped(batch: int, record: Path | None) -> tuple[float, float]:
+def _stepped(batch: int, actions: int, record: Path | None) -> tuple[float, float]:
     """CPU and wall-clock seconds of a turn."""
     env: Any = gymnasium.make_vec("shuttle_marl:shuttle_marl/Rally-v0", num_envs=batch, opponent="bc", record=record)
     env.reset(seed=0)
     before = np.array([time.process_time(), time.perf_counter()])
-    for _ in range(max(_STEPS, _ACTIONS // batch)):
+    for _ in range(max(_STEPS, actions // batch)):
         env.step(env.random_actions())
     with contextlib.redirect_stderr(io.StringIO()):
         env.close()
@@ -129,7 +131,7 @@ def measure(matches: int, repeat: int) -> dict[str, Any]:
     """All measurements, by key."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        stepped = environments(folder, 3 * repeat)
+        stepped = environments(folder, 3 * repeat, _ACTIONS if repeat > 1 else _STEPS)
         played = tournament(folder, matches, repeat)
         logged = log(folder / "run" / "rallies.mcap", folder, repeat)
         return {**this_machine(), **played, **logged, "make_vec": stepped}
