@@ -169,7 +169,7 @@ def _reply(
 
 @inlined
 def _code_of(block: Block, j: int, seat: int, opponent: int) -> np.uint64:
-    """What a :class:`Tape` says of the j-th stroke of a block."""
+    """Code of the j-th stroke of a block on a :class:`Tape`, without a cut."""
     what = block.outcome[j] | int64(block.place[j]) << 3 | int64(seat) << 7 | int64(opponent) << 8
     return np.uint64(np.uint64(block.arrival[j]) | np.uint64(what) << np.uint64(32))
 

@@ -123,7 +123,7 @@ class TapeReader:
     Args:
         add: is given the rallies.
         finish: is called at the end.
-        thread: whether the rallies are read in a thread, beside what is played next.
+        thread: whether to read rallies in a background thread while the batch plays on.
 
     Raises:
         OptionError: more than 256 opponents.
@@ -143,7 +143,7 @@ class TapeReader:
         self._batch, self._add, self._finish, self._matches = batch, add, finish, 0
         self._thread = ThreadPoolExecutor(1, "reading a tape") if thread else None
         self._reading: Future[None] | None = None
-        self._other = new_tape(len(batch), scored=batch.matches is not None)  # that which is being read, or was
+        self._other = new_tape(len(batch), scored=batch.matches is not None)  # swapped with the batch's while that is read
         self._begin(0)
 
     def _begin(self, seed: int) -> None:
