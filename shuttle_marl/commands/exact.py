@@ -1,28 +1,22 @@
 """``python -m shuttle_marl.exact COMMAND``: exact solution of the game, and exact measures of policies."""
 
-import contextlib
 import functools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import tyro
 
 from shuttle_marl import exact
-from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import MODEL, File, Json, Model, Policies, Policy, SampleOptions, tables_of
+from shuttle_marl.commands.options import MODEL, File, Json, Model, Policies, Policy, tables_of
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game.policy import reads_score
 from shuttle_marl.game.shipped import Estimate, factor_of, least_support, refits_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.occupancy import Hole
-    from shuttle_marl.game.rally import Rallies
-    from shuttle_marl.policy.scorecard import Scorecard, Scorer
+    from shuttle_marl.policy.scorecard import Scorecard
 
 
 AtLeast = Annotated[int | None, tyro.conf.arg(metavar="INT")]
@@ -30,7 +24,6 @@ _SCORES: Final = (
     *("policy", "rallies won", "matches won", "normalised", "exploitability", "regret a rally", "strokes a rally", "thin"),
 )
 _HOLES: Final = ("state", "plays, better", "in self-play", "against its best response", "lost a stroke", "lost a rally")
-_SAMPLES: Final = SampleOptions()
 
 
 def solve(*, model: Model = MODEL, away: bool = True, json_output: Json = False) -> None:
@@ -66,64 +59,39 @@ def solve(*, model: Model = MODEL, away: bool = True, json_output: Json = False)
     cli.show(figures, json_output, gain, *cli.home_and_away([("minimax", home, spreads)], others, asked=away))
 
 
-def evaluate(
-    policies: Policies,
-    *,
-    model: Model = MODEL,
-    away: bool = True,
-    samples: tyro.conf.OmitArgPrefixes[SampleOptions] = _SAMPLES,
-    json_output: Json = False,
-) -> None:
+def evaluate(policies: Policies, *, model: Model = MODEL, away: bool = True, json_output: Json = False) -> None:
     """Measure policies exactly: against bc, against their best responses, and against perfect play.
-
-    A policy that reads the score has no table of states; its matches are sampled, with 95 % intervals, and its rallies recorded.
 
     Args:
         policies: names of policies (docs/league.md).
         model: the game.
         away: also play the policies in the refits of the game.
-        samples: matches of policies that read the score.
     """
-    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
     _check_some(policies)
     tables = model.load()
-    with cli.working("preparing the policies"), time_limit(samples.policy_timeout):
+    with cli.working("preparing the policies"):
         scorer = Scorer(tables, refits=refits_of(tables) if away else ())
-        found = [(name, resolve(name, scorer.game)) for name in policies]
-    sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
-    cards: list[Scorecard] = []
-    with _recorded(sampled, scorer, samples) as watches:
-        for name, policy in cli.progress(found, "policies"):
-            watch = watches.pop(name, None)  # a policy that is named twice plays the same matches again
-            cards.append(scorer.score(policy, name, matches=samples.matches, seed=samples.seed, watch=watch))
-    bounds = [card.error_bound for card in cards if card.error_bound is not None]
-    exactly = [(card.policy, card.home, card.away) for card in cards if not card.sampled]
-    shots = {card.policy: (card.endings_vs_bc, card.shot_mix_vs_bc) for card in cards if card.shot_mix_vs_bc is not None}
+        found = tables_of(policies, tables)
+    cards = [scorer.score(policy, name) for name, policy in zip(policies, cli.progress(found, "policies"), strict=True)]
+    shots = {card.policy: {"endings": card.endings_vs_bc, "most frequent shots": card.shot_mix_vs_bc} for card in cards}
     cli.show(
         [card.as_json() for card in cards],
         json_output,
         cli.table("Against bc, its best response, and perfect play", _SCORES, map(_scores, cards)),
-        cli.named(
-            "Rallies against bc", {name: {"endings": ends, "most frequent shots": mix} for name, (ends, mix) in shots.items()}
-        ),
+        cli.named("Rallies against bc", shots),
         f"normalised: 0 is bc, 1 is the best response to bc ({cli.percent(scorer.reference_best.rally)} of rallies). "
         "exploitability: gain of the best response, which wins 50 % of rallies plus half of it. regret: loss against perfect "
         "play. thin: fraction of its strokes with fewer than five real strokes behind them.",
-        *cli.home_and_away(exactly, scorer.refits, asked=away),
-        f"exact: every figure is within {max(bounds):.0e} of the true one." if bounds else "",
-        *[f"{card.policy} reads the score: sampled in {card.matches} matches, 95 % intervals." for card in cards if card.sampled],
+        *cli.home_and_away([(card.policy, card.home, card.away) for card in cards], scorer.refits, asked=away),
+        f"exact: every figure is within {max(card.error_bound for card in cards):.0e} of the true one.",
     )
 
 
 def _scores(card: "Scorecard") -> tuple[cli.Figure, ...]:
-    def interval(share: float, limits: tuple[float, float] | None) -> cli.Figure:
-        return share if limits is None else (share, *limits)
-
-    rally, match = interval(card.rally_win_vs_bc, card.rally_interval), interval(card.match_win_vs_bc, card.match_interval)
     figures = card.normalised_score, card.exploitability, card.regret_per_rally, f"{card.rally_length_vs_bc:.2f}"
-    return card.policy, rally, match, *figures, card.thin_vs_bc
+    return card.policy, card.rally_win_vs_bc, card.match_win_vs_bc, *figures, card.thin_vs_bc
 
 
 def best_response(
@@ -249,25 +217,6 @@ def crossplay(policies: Policies, *, model: Model = MODEL, json_output: Json = F
         cli.matrix("Matches won by the row against the column", policies, figures["match_win"]),
         cli.matrix("Rallies won by the row against the column", policies, figures["rally_win"]),
     )
-
-
-@contextlib.contextmanager
-def _recorded(
-    sampled: Sequence[str], scorer: "Scorer", samples: SampleOptions
-) -> "Iterator[dict[str, Callable[[Rallies], None]]]":
-    """Callbacks that record the matches of sampled policies, by name; empty if nothing is recorded."""
-    from shuttle_marl.policy.scorecard import REFERENCE  # noqa: PLC0415  numba
-    from shuttle_marl.recording import Player  # noqa: PLC0415
-    from shuttle_marl.recording.recorder import free_name, sampled_log  # noqa: PLC0415
-
-    if samples.record == "none" or not sampled:
-        yield {}
-        return
-    path = samples.log or free_name(Path("runs") / f"evaluate-{samples.seed}.mcap")
-    opponent = Player(name=REFERENCE, hash=scorer.reference.hash)
-    with sampled_log(path, sampled, opponent, scorer.game, seed=samples.seed) as add:
-        yield {name: functools.partial(add, i) for i, name in enumerate(sampled)}
-    cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 
 def _least(game: Game, at_least: int | None) -> int:

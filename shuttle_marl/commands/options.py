@@ -7,17 +7,14 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
-import msgspec
 import tyro
 
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import Seed, check_bounds, replace_file
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands.cli import console, print_json, say
-from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import Profile, resolve_game, shipped_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.reports.languages import Language
 
 if TYPE_CHECKING:
@@ -112,20 +109,6 @@ class Appearance:
 
     athletes: tuple[Athlete, Athlete] | None = None  # Athletes at seats 0 and 1 (A and B); default: as the players are.
     hands: tuple[Hand, Hand] | None = None  # Racket hands at seats 0 and 1 (A and B); default: those of the players.
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SampleOptions:
-    """Matches of policies that read the score."""
-
-    matches: Annotated[int, msgspec.Meta(ge=1, le=10_000_000)] = 400  # Number of matches played for a policy that is sampled.
-    seed: Seed = 0  # Random seed of these matches.
-    record: Literal["all", "none"] = "all"  # Which of their rallies are recorded.
-    log: File = None  # Rally log of these matches; default: runs/evaluate-SEED.mcap, or the next such name that is free.
-    policy_timeout: float = POLICY_TIMEOUT  # Seconds that a program may take for one stroke; 0 for no limit.
-
-    def __post_init__(self) -> None:
-        check_bounds(self, ExactError)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -567,7 +567,7 @@ def tabulate(policy: Policy, game: Game) -> TabulatedPolicy:
     if isinstance(policy, TabulatedPolicy) and policy.game.hash == game.hash:
         return policy
     if reads_score(policy):
-        raise PolicyError(f"{called(policy)} reads the score, so it has no table over states; evaluate it by sampling")
+        raise PolicyError(f"{called(policy)} reads the score, so it has no table over states; a league plays it")
     base = np.flatnonzero(game.playable[: game.n_base_states]).astype(np.int32)
     cumulative = np.empty(game.n_pairs, np.uint16)
     p = np.zeros(game.n_base_pairs)

@@ -1,34 +1,26 @@
-"""Scores of a policy: against the behaviour-cloned average player, against its best response, against perfect play.
+"""Exact scores of a policy: against the behaviour-cloned average player, against its best response, against perfect play.
 
-They are exact where the policy has a table. One that reads the score has none; its matches are played out instead. The depth
-of a game is what policies play in it, how rare that is among people, and how far policies get that read little.
+The depth of a game is what policies play in it, how rare that is among people, and how far policies get that read little.
 """
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable, Mapping, Sequence
-from statistics import NormalDist
 from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base.intervals import wilson
 from shuttle_marl.exact.fixed_point import Odds
 from shuttle_marl.exact.occupancy import Visits, policy_regret, visits
 from shuttle_marl.exact.odds import best_odds, normalised_score, over
 from shuttle_marl.exact.optimal import Solution, best_response, solve
 from shuttle_marl.exact.play import averaged, cells_of, impossible, lists, play, unusual
 from shuttle_marl.exact.profile import evaluate, moved
-from shuttle_marl.game import draws
-from shuttle_marl.game.policy import Policy, TabulatedPolicy, reads_score, tabulate
-from shuttle_marl.game.rally import Rallies
+from shuttle_marl.game.policy import Policy, TabulatedPolicy, tabulate
 from shuttle_marl.game.recovery import NO_CHOICE
 from shuttle_marl.game.shipped import Estimate, real_play, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.kernel.matches import Matches, asking
-from shuttle_marl.kernel.matches import play as play_asked
 from shuttle_marl.policy.computed import deterministic
 from shuttle_marl.policy.registry import resolve
 
@@ -38,21 +30,14 @@ HEADLINES: Final = ("rally_win_vs_bc", "match_win_vs_bc", "exploitability")
 FEW_STROKES: Final = 5  # a stroke with fewer examples in the data counts as thin
 _AWAY: Final = 1e-6  # error bound of values away from home, far below the differences between refits
 _ENDINGS: Final = ("own winner", "fault of the opponent", "winner of the opponent", "own fault")
-Watch = Callable[[Rallies], None]
-"""Receives the rallies of a batch of matches; policy 0 is the sampled policy, policy 1 its opponent."""
-
-_Z: Final = NormalDist().inv_cdf(0.975)
-_BATCH: Final = 1 << 12  # number of matches that are played in lockstep
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Scorecard:
-    """Scores of one policy. Those that need a table are None for a sampled policy, which reads the score.
+    """Exact scores of one policy.
 
     Attributes:
-        sampled: whether the figures are estimated from matches; else they are exact.
-        rally_win_vs_bc: probability to win a rally against ``bc``, both serving equally often (sampled: share of the rallies of
-            whole matches).
+        rally_win_vs_bc: probability to win a rally against ``bc``, both serving equally often.
         rally_win_serving: the same in rallies that the policy serves.
         rally_win_receiving: the same in rallies that ``bc`` serves.
         match_win_vs_bc: probability to win a match against ``bc``, the first serve drawn at random.
@@ -70,31 +55,24 @@ class Scorecard:
             responses in the refit, within 1e-6; None without refits.
         error_bound: absolute error bound of all exact figures but ``match_win_vs_bc``.
         match_error_bound: absolute error bound of ``match_win_vs_bc``.
-        matches: number of sampled matches; None for exact figures.
-        rally_interval: 95 % interval of ``rally_win_vs_bc``; None for exact figures.
-        match_interval: 95 % interval of ``match_win_vs_bc``; None for exact figures.
     """
 
     policy: str
-    sampled: bool = False
     rally_win_vs_bc: float
-    rally_win_serving: float | None = None
-    rally_win_receiving: float | None = None
+    rally_win_serving: float
+    rally_win_receiving: float
     match_win_vs_bc: float
-    exploitability: float | None = None
-    gap_at_serve: float | None = None
+    exploitability: float
+    gap_at_serve: float
     normalised_score: float | None
-    regret_per_rally: float | None = None
+    regret_per_rally: float
     rally_length_vs_bc: float
-    endings_vs_bc: dict[str, float] | None = None
-    shot_mix_vs_bc: dict[str, float] | None = None
-    thin_vs_bc: float | None = None
-    away: Mapping[str, Estimate] | None = None
-    error_bound: float | None = None
-    match_error_bound: float | None = None
-    matches: int | None = None
-    rally_interval: tuple[float, float] | None = None
-    match_interval: tuple[float, float] | None = None
+    endings_vs_bc: dict[str, float]
+    shot_mix_vs_bc: dict[str, float]
+    thin_vs_bc: float | None
+    away: Mapping[str, Estimate] | None
+    error_bound: float
+    match_error_bound: float
 
     @property
     def home(self) -> dict[str, float | None]:
@@ -137,24 +115,14 @@ class Scorer:
         # bc wins exactly half of the rallies against itself.
         return normalised_score(rally_win_vs_bc, 0.5, best.rally, error_bound=best.error_bound)
 
-    def score(self, policy: Policy, name: str, *, matches: int = 400, seed: int = 0, watch: Watch | None = None) -> Scorecard:
+    def score(self, policy: Policy, name: str) -> Scorecard:
         """The figures of a policy.
 
-        Args:
-            policy: any; one that reads the score is sampled.
-            matches: number of matches if it is sampled.
-            watch: called with them, see :data:`Watch`.
-
         Raises:
-            PolicyError: the policy raised, or returned no distribution over the legal strokes.
+            PolicyError: the policy reads the score, raised, or returned no distribution over the legal strokes.
             ExactError: play may never end.
         """
-        if reads_score(policy):
-            return self._sampled(policy, name, matches, seed, watch)
-        return self.score_table(tabulate(policy, self.game), name)
-
-    def score_table(self, policy: TabulatedPolicy, name: str) -> Scorecard:
-        """The exact figures of a tabulated policy."""
+        policy = tabulate(policy, self.game)
         odds = evaluate(policy, self.reference).odds()
         answer = best_response(policy)
         loss = policy_regret(policy, solution=self.solution)
@@ -197,42 +165,6 @@ class Scorer:
         odds = evaluate(there, moved(self.reference, refit), tolerance=_AWAY).odds()
         gain = best_response(there, tolerance=_AWAY).value.odds().value
         return dict(zip(HEADLINES, (odds.rally, odds.match(), gain), strict=True))
-
-    def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:
-        """The figures of matches against ``bc``; seats and the first serve are balanced over four matches."""
-        key, entrants = draws.pairing_key(name, REFERENCE), (policy, self.reference)
-        choose, wait = (asking(self.game, entrants, positions=positions) for positions in (False, True))
-        rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
-        for first in range(0, matches, _BATCH):
-            number = np.arange(first, min(first + _BATCH, matches))
-            seat = number & 1
-            seated = Matches(
-                entrant=np.stack([seat, 1 - seat], axis=1).astype(np.int32),
-                first_server=((number >> 1) & 1).astype(np.int8),
-                key=draws.stream(seed, key, number),
-            )
-            games, played = play_asked(self.game, seated, choose, wait, keep_strokes=watch is not None)
-            match = first + played.match
-            if watch is not None:
-                watch(dataclasses.replace(played, match=match))
-            rallies += np.bincount(match, minlength=matches)
-            won += np.bincount(match, played.winner == (match & 1), minlength=matches).astype(np.int64)
-            strokes += int(played.length.sum())
-            wins += int((games.argmax(axis=1) == seat).sum())
-        share = float(won.sum() / rallies.sum())
-        # Ratio of sums over matches: the variance of its numerator's deviations, matches being independent, unlike rallies.
-        spread = _Z * math.sqrt(float(((won - share * rallies) ** 2).sum())) / float(rallies.sum())
-        return Scorecard(
-            policy=name,
-            sampled=True,
-            rally_win_vs_bc=share,
-            match_win_vs_bc=wins / matches,
-            normalised_score=self.normalised(share),
-            rally_length_vs_bc=strokes / int(rallies.sum()),
-            matches=matches,
-            rally_interval=(max(0.0, share - spread), min(1.0, share + spread)),
-            match_interval=wilson(wins, matches),
-        )
 
 
 _SURE: Final = 0.99

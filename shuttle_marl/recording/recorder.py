@@ -5,24 +5,19 @@ A file is written to ``FILE.part`` and moved to ``FILE`` when it is closed. Afte
 """
 
 import contextlib
-import dataclasses
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-import numpy as np
-
 from shuttle_marl.base.files import problem
-from shuttle_marl.game.draws import pairing_key
-from shuttle_marl.game.rally import Rallies, columns_of
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording import log_file
-from shuttle_marl.recording.header import LogHeader, Player, RecordingError
+from shuttle_marl.recording.header import LogHeader, RecordingError
 from shuttle_marl.recording.log_file import advice, encode, files_of, salvage, set_aside, unfinished
 
 T = TypeVar("T")
@@ -305,44 +300,3 @@ class RallyRecorder(LogContext):
         except BaseException as error:
             self._error = error
             raise
-
-
-@contextlib.contextmanager
-def sampled_log(
-    path: Path, policies: Sequence[str], opponent: Player, game: Game, *, seed: int
-) -> Iterator[Callable[[int, Rallies], None]]:
-    """Log of the matches of :class:`shuttle_marl.policy.Scorer` of several policies against one opponent.
-
-    Args:
-        policies: names of the sampled policies, without duplicates; each has a pairing of its own, in this order.
-
-    Yields:
-        A function of the number of a pairing and rallies of it that records them; policy 0 of the rallies is the sampled policy,
-        policy 1 the opponent.
-    """
-    header = LogHeader(
-        seed=seed,
-        game=game.hash,
-        strokes=game.catalogue.names,
-        policies=(opponent, *(Player(name=name) for name in policies)),
-        pairings=tuple(pairing_key(name, opponent.name) for name in policies),
-        matches_per_draw=1,
-        columns=columns_of(game),
-    )
-    with RallyRecorder.create(path, header) as recorder:
-
-        def add(pairing: int, rallies: Rallies) -> None:
-            numbers = np.full(len(rallies), pairing, np.uint32)
-            policy = np.array([1 + pairing, 0], np.uint16)[rallies.policy]
-            recorder.add(dataclasses.replace(rallies, pairing=numbers, policy=policy))
-
-        yield add
-
-
-def free_name(path: Path) -> Path:
-    """Return the path, or the first of ``NAME-2``, ``NAME-3``, … without a log."""
-    found, number = path, 1
-    while files_of(found):
-        number += 1
-        found = path.with_stem(f"{path.stem}-{number}")
-    return found

@@ -77,7 +77,7 @@ def test_names_that_lead_nowhere(name: str, says: str) -> None:
 def test_a_policy_that_reads_the_score_has_no_best_response(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "my_moody.py").write_text("def player(states):\n    return states.mask\nplayer.reads_score = True\n")
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(PolicyError, match="reads the score, so it has no table over states; evaluate it by sampling"):
+    with pytest.raises(PolicyError, match="reads the score, so it has no table over states; a league plays it"):
         resolve("best-response:my_moody:player", GAME)
 
 

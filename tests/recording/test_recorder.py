@@ -23,7 +23,6 @@ from shuttle_marl.recording import (
 )
 from shuttle_marl.recording.header import Pair
 from shuttle_marl.recording.log_file import unfinished
-from shuttle_marl.recording.recorder import free_name
 from tests.recording.conftest import read_rallies
 
 
@@ -189,10 +188,3 @@ def test_writers_and_recorders_have_options(tmp_path: Path, header) -> None:
     with pytest.raises(RecordingError, match="batch_rallies 0"):
         RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=0)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_free_names_are_counted_from_two(log_file: Path) -> None:
-    assert free_name(log_file.with_name("other.mcap")) == log_file.with_name("other.mcap")
-    assert free_name(log_file) == log_file.with_name("rallies-2.mcap")
-    log_file.with_name("rallies-2.mcap.part").touch()
-    assert free_name(log_file) == log_file.with_name("rallies-3.mcap")
