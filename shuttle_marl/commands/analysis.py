@@ -60,14 +60,15 @@ def analysis(
             table_files.write_parquet(out / f"{kind}.parquet", table)
             replace_file(out / f"{kind}.csv", table_files.csv_bytes(named(table) if kind == "strokes" else table))
     ratings, pairs = _ratings(path), sum(value != tables.hash for value in played.values())
+    known = f"{pairs} of {len(played)} matches"
+    where = f"of {known} in the game of the two people, with their skill, of the others " if pairs else ""
     cli.show(
         {name: _figures(summary, ratings.get(name)) for name, summary in summaries.items()},
         json,
         cli.table("", _HEADINGS, (_row(name, summary, ratings.get(name)) for name, summary in summaries.items())),
         "won: rallies won, of all players together by the server; rating: Elo rating in the tournament; length: strokes of a "
         "rally; tempo: seconds between two strokes; winners: part of the strokes that ended a rally; value: points added by 100 "
-        f"strokes, of {pairs} of {len(played)} matches in the game of the two people who played, with their skill, of the others "
-        f"in the average game {tables.hash[:12]}",
+        f"strokes, {where}in the average game {tables.hash[:12]}",
     )
 
 

@@ -213,6 +213,12 @@ def check_free(path: Path, *, overwrite: bool = False) -> None:
         raise ShuttleError(f"{path}: already exists; --overwrite replaces it, --out names another")
 
 
+def check_suffix(path: Path | None, suffix: str) -> None:
+    """Refuse a file whose name promises another format than ``suffix``, before work begins."""
+    if path is not None and path.suffix.lower() != suffix:
+        raise ShuttleError(f"--out {path}: expected a name that ends in {suffix}")
+
+
 def check_apart(written: Iterable[Path], read: Iterable[Path]) -> None:
     """Refuse to write over what is read.
 

@@ -158,6 +158,7 @@ def scene(
         appearance: appearance of the players.
         model: game of the log.
     """
+    cli.check_suffix(out, ".mcap")
     console = cli.console(stderr=True)
     with RallyLog(path) as log:
         numbers = scenes.select(log, rally=rally, match=match, pairing=pairing)

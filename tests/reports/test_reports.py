@@ -445,6 +445,7 @@ def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.Capt
         (["--match", "simulated-2", "--pairing", "3"], "only rally logs have pairings"),
         (["--match", "simulated-2", "--video", "javascript:{seconds}"], "expected an http or https address"),
         (["--match", "simulated-2", "--video", "https://example.org/"], "with {seconds} once"),
+        (["--match", "simulated-2", "--out", "report.pdf"], "expected a name that ends in .html"),
     ],
 )
 def test_reports_that_are_refused(
