@@ -15,6 +15,8 @@ JOBS ?= auto
 
 export PIP_CONSTRAINT := constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Images of containers often set it; hundreds of processes of the tests would compile the package again.
+export PYTHONDONTWRITEBYTECODE :=
 
 BIN := $(VENV)/bin
 # On a terminal pip shows what it downloads, which takes minutes.
