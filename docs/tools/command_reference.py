@@ -25,8 +25,8 @@ _OPTION: Final = re.compile(r"^  --?[a-z].*\n(?: {6,}.*\n)*", re.MULTILINE)
 _HELP: Final = "-h, --help show this help message and exit"
 _NOISE: Final = re.compile(r"\s*\(default:\s*(?:None|False)?\)|\n +-{9,}(?=\n)")  # no default, and rules
 _NAMED: Final = 10  # options that a form repeats, from which on they are counted instead of named
-_LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs", "men"]}
-"""Forms of the command ``league`` with options of their own, and the arguments that choose them."""
+_LEAGUE: Final = ("train", "report")
+"""Forms of the command ``league`` with options of their own."""
 _HEAD: Final = """# Commands
 
 These pages list the options of every command, as `--help` does, and an example. Switches are off unless a default says
@@ -46,8 +46,7 @@ def parts(command: str) -> list[tuple[str, list[str]]]:
     functions = importlib.import_module(f"shuttle_marl.commands.{command}").COMMANDS
     if isinstance(functions, dict):
         return [(f"{command} {name}", [name]) for name in functions]
-    forms = _LEAGUE if command == "league" else {}
-    return [(command, []), *((f"{command} {name}", words) for name, words in forms.items())]
+    return [(command, []), *((f"{command} {name}", [name]) for name in _LEAGUE if command == "league")]
 
 
 def help_of(command: str, arguments: list[str]) -> str:

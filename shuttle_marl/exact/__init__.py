@@ -9,7 +9,7 @@ from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, Odds, ProfileValue
-    from shuttle_marl.exact.occupancy import Hole, Holes, Regret, Sensitivity, Visits, holes, policy_regret, sensitivity, visits
+    from shuttle_marl.exact.occupancy import Hole, Holes, Regret, Visits, holes, policy_regret, visits
     from shuttle_marl.exact.odds import Crossplay, crossplay, least_gain
     from shuttle_marl.exact.optimal import (
         Equilibrium,
@@ -38,7 +38,6 @@ __all__ = [
     "ProfileValue",
     "Regret",
     "Response",
-    "Sensitivity",
     "Solution",
     "StatePolicy",
     "Visits",
@@ -51,7 +50,6 @@ __all__ = [
     "nash_conv",
     "policy_regret",
     "restricted_response",
-    "sensitivity",
     "solve",
     "solve_robust",
     "solve_soft",

@@ -1,14 +1,4 @@
-"""Expected visits of a profile to states and strokes, and what they weigh: derivatives, regret, and the holes of a policy.
-
-**Derivatives** of the probability of winning a rally by the log-odds of faults, returns and contacts. With f the probability of a
-fault, r that of a good stroke to be returned, a that of a return to be met above the net, and B and A the values of the next
-states to the receiver with contact below and above, on average over whether the receiver is hurried, the value of a stroke to
-its striker is
-
-    Q = -f + (1 - f) ((1 - r) - r C),        C = (1 - a) B + a A,
-
-and a probability p changes by p (1 - p) with its log-odds. A change of the outcomes of strokes changes the value of a rally by
-the change of Q in every state, weighted by the expected visits (the derivative of a fixed point; policies do not change).
+"""Expected visits of a profile to states and strokes, and what they weigh: regret, and the holes of a policy.
 
 **Regret** of a policy in a state s is regret(s) = V*(s) - sum_a pi(a | s) Q*(s, a), with V* and Q* the minimax values of states
 and strokes. Weighted by how often the policy strikes in s, the regrets add up exactly to its loss against a perfect opponent (the
@@ -34,11 +24,10 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I8, I32, U8, U16, Intp
-from shuttle_marl.base.compiling import compiled
-from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, ProfileValue, accelerated, successors, sweep
+from shuttle_marl.base.arrays import F64, Intp
+from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, accelerated, sweep
 from shuttle_marl.exact.optimal import Response, Solution, best_response, limited, solve
-from shuttle_marl.exact.profile import StatePolicy, check_opponents, evaluate, facing, induced
+from shuttle_marl.exact.profile import StatePolicy, check_opponents, facing, induced
 from shuttle_marl.exact.sweeps import propagate
 from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.policy import TabulatedPolicy
@@ -149,78 +138,6 @@ def visits(
             break
     first = start[0] + np.maximum(w, 0.0)  # conjugate residuals leave values of -1e-20
     return Visits(policies=(policy, opponent), states=(first, start[1] + backward[0](first)), error_bound=error)
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Sensitivity:
-    """A profile, and how its result depends on the outcomes of strokes.
-
-    Attributes:
-        value: exact values of player 0 against player 1.
-        win: ``[2, 3, 13]`` derivative of the probability that player 0 wins a rally, both serving equally often, by the log-odds
-            of a fault, of a return, and of a contact above, in the strokes of player 0 and of player 1, by shot type.
-    """
-
-    value: ProfileValue
-    win: F64
-
-
-_Strokes = tuple[I32, I32, I8, I8]
-"""First pair of each base state, edge that follows each base pair, whether an edge is an attack, shot type of each base pair."""
-
-
-@compiled
-def _add(
-    visited: F64, chance: F64, limits: U16 | F64, hurry: U8 | F64, strokes: _Strokes, plain: F64, after: F64, out: F64
-) -> None:
-    """Add the derivatives of the values of a block's strokes, weighted by visits, to ``[3, 13]``.
-
-    Args:
-        visited: ``[base states]`` visits.
-        chance: ``[base pairs]`` probability of each legal pair given its state.
-        limits, hurry: ``[base pairs, 3]`` thresholds, and ``[base pairs, 2]`` chances of a hurried receiver.
-        plain, after: ``[base states]`` values of the next block after a stroke that is no attack and after an attack.
-    """
-    pair_start, edge, attack, shot = strokes
-    for s in range(visited.size):
-        if visited[s] == 0.0:
-            continue
-        for k in range(pair_start[s], pair_start[s + 1]):
-            fault, winner, below = limits[k, 0] / 65536.0, limits[k, 1] / 65536.0, limits[k, 2] / 65536.0
-            good, returned = 1.0 - fault, 1.0 - winner
-            following, first = after if attack[edge[k]] else plain, 4 * edge[k]
-            lower = following[first] + hurry[k, 0] / 256.0 * (following[first + 2] - following[first])
-            upper = following[first + 1] + hurry[k, 1] / 256.0 * (following[first + 3] - following[first + 1])
-            above = (1.0 - below) / returned
-            later = (1.0 - above) * lower + above * upper
-            weight, back = visited[s] * chance[k], returned / good
-            out[0, shot[k]] -= weight * fault * good * (1.0 + (1.0 - back) - back * later)
-            out[1, shot[k]] -= weight * good * back * (1.0 - back) * (1.0 + later)
-            out[2, shot[k]] -= weight * returned * above * (1.0 - above) * (upper - lower)
-
-
-def sensitivity(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = TOLERANCE) -> Sensitivity:
-    """Derivatives of the probability of winning a rally by the log-odds of the outcomes of strokes.
-
-    Raises:
-        ExactError: the two games have different layouts, or play may never end.
-    """
-    check_opponents(policy.game, opponent.game)
-    policy, opponent = facing(policy, opponent)
-    value = evaluate(policy, opponent, tolerance=tolerance)
-    seen = visits(policy, opponent, tolerance=tolerance)
-    win = np.zeros((2, 3, N_SHOTS))
-    for player, played in enumerate((policy, opponent)):
-        game, following = played.game, value.striking[1 - player]
-        shot = game.catalogue.shot[game.base_pair_stroke]
-        strokes = game.base_pair_start, game.base_pair_edge, game.edge_attack.view(np.int8), shot
-        for block in range(game.n_blocks):
-            visited, table = seen.states[player][game.block_states(block)], game.table_of(block)
-            tables = game.limits[table], game.hurry_at(table), strokes, *successors(game, following, block)
-            _add(visited, played.block_probabilities(block), *tables, win[player])
-    # Values lie between -1 and 1, and those of player 1 count against player 0.
-    win *= np.array([0.5, -0.5])[:, None, None]
-    return Sensitivity(value=value, win=win)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,6 +1,5 @@
-"""Exact values of the game of a pair, against simulation, value iteration and finite differences."""
+"""Exact values of the game of a pair, against simulation and value iteration."""
 
-import dataclasses
 import itertools
 
 import numpy as np
@@ -13,14 +12,11 @@ from shuttle_marl.exact import (
     evaluate,
     moved,
     nash_conv,
-    sensitivity,
     solve,
     visits,
 )
-from shuttle_marl.game.draws import odds_of_steps
-from shuttle_marl.game.pairs import STEP, pair_game, without_skill
+from shuttle_marl.game.pairs import pair_game, without_skill
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
-from shuttle_marl.game.shipped import with_odds
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.policy.registry import resolve
 from tests.reduced import reduced_model
@@ -106,21 +102,3 @@ def test_policies_of_the_seats(pair: Game) -> None:
     bc = seated(pair, "bc", "bc")
     first, second = seated(pair, "best-response:bc", "best-response:bc")
     assert first.hash == best_response(bc[1]).policy.hash != second.hash == best_response(bc[0]).policy.hash
-
-
-def test_derivatives_are_those_of_finite_differences(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
-    found, rng, width = sensitivity(*clones), np.random.default_rng(1), 0.125
-    assert found.value.odds().rally == pytest.approx(evaluate(*clones).odds().rally, abs=1e-8)
-    used = np.argwhere(np.abs(found.win) > 2e-3)
-    for seat, component, shot in rng.permutation(used)[:12]:
-        changed = []
-        for sign in (1, -1):
-            steps = np.zeros((3, 13), np.int64)
-            steps[component, shot] = sign * round(width / STEP) * (1 if component == 0 else -1)
-            game = pair.seats[seat]
-            up, down = (odds[:, game.catalogue.shot[game.base_pair_stroke]] for odds in odds_of_steps(steps, step=STEP))
-            tables = list(clones)
-            tables[seat] = dataclasses.replace(clones[seat], game=with_odds(game, up, down))
-            changed.append(evaluate(tables[0], tables[1]).odds().rally)
-        slope = (changed[0] - changed[1]) / (2 * width)
-        assert found.win[seat, component, shot] == pytest.approx(slope, rel=0.03, abs=2e-4)
