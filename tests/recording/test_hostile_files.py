@@ -188,7 +188,8 @@ def test_one_lost_log_does_not_keep_the_others(log_file: Path, tmp_path: Path, c
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on file sizes")
-def test_recovering_on_a_full_disk_leaves_nothing_behind(log_file: Path, tmp_path: Path) -> None:
+def test_recovering_on_a_full_disk_leaves_nothing_behind(log_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python would keep a module that it could only write in part
     part = unfinished(log_file)
     log_file.rename(part)
     for limit in (1_000, part.stat().st_size - 100):

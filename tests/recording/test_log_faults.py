@@ -237,7 +237,8 @@ except RecordingError as error:
 
 
 def fill(path: Path, limit: int, batch: int) -> str:
-    script = [sys.executable, "-c", FULL, str(path), str(Path(__file__).parent), str(limit), str(batch)]
+    # With -B, because Python would keep a module that it could only write in part.
+    script = [sys.executable, "-B", "-c", FULL, str(path), str(Path(__file__).parent), str(limit), str(batch)]
     return subprocess.run(script, capture_output=True, text=True, check=True).stdout
 
 
