@@ -255,11 +255,8 @@ class _Connections:
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """Bind a socket to a port, or to a free port if that one is in use or 0.
-
-    Raises:
-        WatchError: the host is not an address of this machine.
-    """
+    """Bind a socket to a port, or to a free port if that one is in use or 0. Raises WatchError: the host is not an address of
+    this machine."""
     if not 0 <= port < 1 << 16:
         raise WatchError(f"--port {port}: expected 0 (any free one) to 65535")
     try:
@@ -339,10 +336,7 @@ def browser_program() -> str:
 @contextlib.contextmanager
 def browser_page(size: tuple[int, int] = _SIZE, *flags: str, **options: Any) -> "Iterator[Page]":
     """A page of a headless browser, which is closed at the end; ``options`` of the page, and further ``flags`` of the browser.
-
-    Raises:
-        WatchError: no browser is installed.
-    """
+    Raises WatchError: no browser is installed."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415  an extra
 
     program = browser_program()

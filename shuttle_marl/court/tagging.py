@@ -103,12 +103,8 @@ class TagFile:
             )
 
     def save(self, request: TagRequest) -> Saved:
-        """Keep an input and the rows that it changed.
-
-        Raises:
-            WatchError: it does not continue what is saved.
-            RunError, FileWriteError: a file cannot be written.
-        """
+        """Keep an input and the rows that it changed. Raises WatchError: it does not continue what is saved. Raises RunError,
+        FileWriteError: a file cannot be written."""
         with self._lock:
             now, told = _hash(self._inputs), SHOWN.get([])
             after = request.after or (told[0] if told else _hash(self._inputs[: request.at]))

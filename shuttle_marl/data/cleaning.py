@@ -45,11 +45,8 @@ _RETURNED, _UNKNOWN = REASONS.index("returned"), REASONS.index("unknown")
 
 
 def clean_matches(root: Path) -> Cleaned:
-    """Read and clean the matches below ``root`` whose files are present.
-
-    Raises:
-        DataError: unreadable input, or no match is present.
-    """
+    """Read and clean the matches below ``root`` whose files are present. Raises DataError: unreadable input, or no match is
+    present."""
     matches = [match for match in list_matches(root) if match.present]
     if not matches:
         raise DataError(root, f"no files of any match; get them with `{command('data', 'download')}`")
@@ -338,11 +335,8 @@ def _replies(strokes: pa.Table, match: I64) -> tuple[I64, ...]:
 
 
 def _farthest(count: I64, training: Bools) -> tuple[int, int, int, dict[str, Any]] | None:
-    """Match, label in it and that of the others, and what else :class:`Convention` tells, of the one with the largest distance.
-
-    Args:
-        count: ``[matches, contacts, landings, labels]`` replies to a shot type.
-    """
+    """Match, label in it and that of the others, and what else :class:`Convention` tells, of the one with the largest distance;
+    ``count``: ``[matches, contacts, landings, labels]`` replies to a shot type."""
     count = count[..., N_SERVES:]
     at = np.moveaxis(count.sum(axis=2), 1, 2)
     labelled, both = at[:, :, None], at[:, :, None] + at[:, None]  # [matches, given, meant, contacts]

@@ -64,12 +64,8 @@ Points = tuple[int, int]
 
 
 def areas_met(reply: I64, technique: I64) -> tuple[I64, F64]:
-    """``[n]`` areas where strokes were met, -1 not known, and their shares.
-
-    Args:
-        reply: ``[n]`` shot type of the next stroke, -1 without one.
-        technique: ``[n]`` its technique, -1 not known.
-    """
+    """``[n]`` areas where strokes were met, -1 not known, and their shares; ``reply``: ``[n]`` shot type of the next stroke, -1
+    without one; ``technique``: ``[n]`` its technique, -1 not known."""
     known = (reply >= 0) & (reply < len(SHOTS))
     shot = np.where(known, reply, 0)
     area = np.where(known, _AREA[shot, technique + 1], -1)
@@ -207,13 +203,9 @@ def check_tempo(sheet: Sheet, passed: F64) -> None:
 
 
 def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64], fresh: Bools, first: Bools) -> None:
-    """Compare the rows with those before them, and points and heights with other columns.
-
-    Args:
-        strokes: ``[n]`` values by column of the schema, NaN where there are none.
-        points: ``[n, 2]`` :data:`POINTS`.
-        fresh, first: ``[n]`` whether a row begins a game, and a rally.
-    """
+    """Compare the rows with those before them, and points and heights with other columns; ``strokes``: ``[n]`` values by column
+    of the schema, NaN where there are none; ``points``: ``[n, 2]`` :data:`POINTS`; ``fresh``, ``first``: ``[n]`` whether a row
+    begins a game, and a rally."""
     game, rally, number, player, outcome = (strokes[name] for name in ("game", "rally", "stroke", "player", "outcome"))
     if "stroke" in sheet:
         missing = number != np.where(first, 1, np.r_[0, number[:-1]] + 1)

@@ -470,11 +470,8 @@ def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, l
 
 
 def _course(winners: I64, rules: Rules) -> tuple[list[Score], bool | None]:
-    """Scores before the rallies of a match, and whether it may be over after them; None: it goes on after its end.
-
-    Args:
-        winners: side that won each rally, -1 not known.
-    """
+    """Scores before the rallies of a match, and whether it may be over after them; None: it goes on after its end; ``winners``:
+    side that won each rally, -1 not known."""
     scores = [Score(rules=rules)]
     for side in winners.tolist():
         scores.append(scores[-1].after(side) if side >= 0 else scores[-1])

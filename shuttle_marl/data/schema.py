@@ -126,11 +126,8 @@ def changed(table: pa.Table, name: str, values: pa.Array) -> pa.Table:
 
 
 def to_df(table: pa.Table, library: Literal["pandas", "polars"] = "pandas") -> Any:
-    """A data frame of a table: of strokes with names instead of codes, of a rally log as it is.
-
-    Raises:
-        ModuleNotFoundError: the library is not installed.
-    """
+    """A data frame of a table: of strokes with names instead of codes, of a rally log as it is. Raises ModuleNotFoundError: the
+    library is not installed."""
     if set(NAMES) <= set(table.column_names):
         table = named(table)
     with hinted():
@@ -179,12 +176,8 @@ def rally_numbers(strokes: pa.Table) -> I64:
 
 
 def stroke_table(columns: Mapping[str, Any], points: Mapping[str, Floats]) -> pa.Table:
-    """The table of n strokes.
-
-    Args:
-        columns: ``[n]`` values by column; null where they are NaN or masked, and in columns that are not there.
-        points: ``[n, 2]`` coordinates, ``NAME`` of the columns ``NAME_x`` and ``NAME_y``.
-    """
+    """The table of n strokes; ``columns``: ``[n]`` values by column; null where they are NaN or masked, and in columns that are
+    not there; ``points``: ``[n, 2]`` coordinates, ``NAME`` of the columns ``NAME_x`` and ``NAME_y``."""
     columns = {**columns, **{f"{name}_{axis}": xy[:, i] for name, xy in points.items() for i, axis in enumerate("xy")}}
     missing = pa.nulls(len(columns["match"]))
     given = [(columns.get(field.name, missing), field.type) for field in STROKES]

@@ -119,12 +119,8 @@ def average_choices(models: FittedModels, rows: Rows, catalogue: Catalogue) -> F
 
 
 def replies_of(rows: Rows, catalogue: Catalogue, choices: F64, share: float = SHOT_SHARE) -> Bools:
-    """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module.
-
-    Args:
-        choices: the average player's, see :func:`average_choices`.
-        share: minimum share of a shot type.
-    """
+    """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module; ``choices``: the average
+    player's, see :func:`average_choices`; ``share``: minimum share of a shot type."""
     n, aimed = len(catalogue), rows.take(rows.codes["area"] >= 0)
     parts = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
     style = (catalogue.shot, catalogue.height, catalogue.technique)
@@ -198,12 +194,8 @@ class Support:
 
 
 def support_of(rows: Rows, targets: F64, game: Game, *, opposite: bool = False) -> Support:
-    """Count the cells of every edge.
-
-    Args:
-        targets: ``[N, 9]`` probability of each target; one-hot where it is known.
-        opposite: whether the game is that of players with different hands.
-    """
+    """Count the cells of every edge; ``targets``: ``[N, 9]`` probability of each target; one-hot where it is known; ``opposite``:
+    whether the game is that of players with different hands."""
     which, area = np.nonzero(targets > 0)
     weight = targets[which, area]
     c = {name: code[which].astype(np.int64) for name, code in rows.codes.items()}
@@ -398,15 +390,8 @@ def save_support(folder: Path, support: Support, opposite: Support) -> None:
 
 
 def load_support(folder: Path, *, opposite: bool = False) -> Support:
-    """Read the support of a model.
-
-    Args:
-        opposite: that in the game of players with different hands.
-
-    Raises:
-        ModelError: the file is missing, differs from the model card, or is invalid.
-        GameError: the model card cannot be read.
-    """
+    """Read the support of a model; ``opposite``: that in the game of players with different hands. Raises ModelError: the file is
+    missing, differs from the model card, or is invalid. Raises GameError: the model card cannot be read."""
     prefix = f"{shipped.OPPOSITE}." if opposite else ""
     with shipped.readable(folder, shipped.SUPPORT, "support", ModelError) as (_, arrays):
         edges = arrays[f"{prefix}strokes"].shape[:1]
@@ -454,12 +439,8 @@ class _Computed:
 
 @functools.lru_cache(maxsize=2)
 def model_stepper(game: Game) -> ModelStepper:
-    """The stepper of the models that a game was compiled from.
-
-    Raises:
-        OptionError: a game without models: of other tables, a variant of a model, of a pair, or with recovery.
-        ModelError: the models cannot be read.
-    """
+    """The stepper of the models that a game was compiled from. Raises OptionError: a game without models: of other tables, a
+    variant of a model, of a pair, or with recovery. Raises ModelError: the models cannot be read."""
     origin = shipped.origin_of(game)
     if origin is None or origin != shipped.Origin(origin.folder) or game.people is not None:
         raise OptionError(
@@ -470,11 +451,8 @@ def model_stepper(game: Game) -> ModelStepper:
 
 
 def codes_of_states(game: Game, state: Ints, *, opposite: bool) -> dict[str, I16]:
-    """``[N]`` codes of the context of states, without discipline.
-
-    Args:
-        opposite: whether striker and receiver have different hands.
-    """
+    """``[N]`` codes of the context of states, without discipline; ``opposite``: whether striker and receiver have different
+    hands."""
     catalogue = game.catalogue
     codes: dict[str, I16] = {}
     for name, stroke in (("own", game.own(state)), ("incoming", game.incoming(state))):
@@ -500,10 +478,7 @@ def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
 
 def layouts_of(rows: Rows, models: FittedModels) -> tuple[Game, Game]:
     """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
-
-    Raises:
-        ShuttleError: too few kinds of stroke occur often enough.
-    """
+    Raises ShuttleError: too few kinds of stroke occur often enough."""
     catalogue = catalogue_of(rows)
     try:
         replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue))

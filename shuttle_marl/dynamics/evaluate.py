@@ -360,13 +360,8 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
 
 
 def add_truth(folder: Path, truth: dict[str, Any]) -> None:
-    """Store the result of ``experiments.truth --json`` in the card of a model.
-
-    Raises:
-        ShuttleError: the result lacks a field.
-        GameError: the model card cannot be read.
-        FileWriteError: it cannot be written.
-    """
+    """Store the result of ``experiments.truth --json`` in the card of a model. Raises ShuttleError: the result lacks a field.
+    Raises GameError: the model card cannot be read. Raises FileWriteError: it cannot be written."""
     wanted = ("split", "cross", "train_only", "matches", "strokes", "decision_slope", "promised_realised")
     if missing := [name for name in wanted if name not in truth]:
         raise ShuttleError(f"not a result of experiments.truth: {', '.join(missing)} missing; create one with --json")

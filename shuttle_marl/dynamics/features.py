@@ -163,11 +163,8 @@ class Rows:
         return {**self.codes, "area": np.broadcast_to(np.asarray(area, dtype=np.int16), (len(self),))}
 
     def marked(self, bits: I8) -> "Rows":
-        """Rows in playing order, with whether the striker was hurried where the table does not know it.
-
-        Args:
-            bits: ``[N]`` 1 where they were, 0 where not, -1 where that is not known.
-        """
+        """Rows in playing order, with whether the striker was hurried where the table does not know it; ``bits``: ``[N]`` 1 where
+        they were, 0 where not, -1 where that is not known."""
         hurried = np.where(self.hurried < 0, bits, self.hurried).astype(np.int8)
         following = np.where(self.next_contact >= 0, np.append(hurried[1:], np.int8(-1)), -1).astype(np.int8)
         codes = {**self.codes, "hurried": np.maximum(hurried, 0).astype(np.int16)}
@@ -297,12 +294,8 @@ def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:
 
 
 def _receiver_places(strokes: pa.Table, left: Bools, after: Ints, returned: Bools) -> tuple[F32, F32]:
-    """:attr:`Rows.waiting` and :attr:`Rows.meeting` of each stroke.
-
-    Args:
-        left: ``[N]`` whether the receiver is left-handed.
-        after: ``[N]`` row of the next stroke, of those that were ``returned``.
-    """
+    """:attr:`Rows.waiting` and :attr:`Rows.meeting` of each stroke; ``left``: ``[N]`` whether the receiver is left-handed;
+    ``after``: ``[N]`` row of the next stroke, of those that were ``returned``."""
     at = {f"{who}_{axis}": strokes[f"{who}_{axis}"].to_numpy() for who in ("contact", "receiver") for axis in "xy"}
     # The receiver looks the other way: the striker's right is their left.
     waiting = np.stack([-at["receiver_x"], at["receiver_y"]], axis=1)
@@ -488,12 +481,8 @@ class Hurry:
 
 
 def load_hurry(folder: Path) -> Hurry | None:
-    """Read the index of a model folder; None if the model has none.
-
-    Raises:
-        ShuttleError: the file differs from the model card, or is invalid.
-        GameError: the model card cannot be read.
-    """
+    """Read the index of a model folder; None if the model has none. Raises ShuttleError: the file differs from the model card, or
+    is invalid. Raises GameError: the model card cannot be read."""
     if not (folder / HURRY).is_file():
         return None
     with readable(folder, HURRY, "index of hurried strikers", ShuttleError) as tensors:
@@ -526,11 +515,8 @@ def _sums(inputs: F64, attribute: I32, cut: F64, child: I32, value: F64) -> F64:
 
 
 def check_nodes(attribute: I32, child: I32, inputs: int) -> None:
-    """Check that nodes ``[..., M]`` test one of the inputs, and have later nodes or leaves as children.
-
-    Raises:
-        ValueError: one does not.
-    """
+    """Check that nodes ``[..., M]`` test one of the inputs, and have later nodes or leaves as children. Raises ValueError: one
+    does not."""
     nodes = attribute.shape[-1]
     if not attribute.size:
         raise ValueError("trees without a node")

@@ -291,12 +291,8 @@ class Prior:
 
 
 def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Report) -> Fit:
-    """Correct a model by a few matches.
-
-    Args:
-        train: strokes of matches to which the prior was not fitted.
-        validation: strokes of other matches, on which the shrinkage of choices is chosen; None: the weakest.
-    """
+    """Correct a model by a few matches; ``train``: strokes of matches to which the prior was not fitted; ``validation``: strokes
+    of other matches, on which the shrinkage of choices is chosen; None: the weakest."""
     parts = judged(train)
     known, good, met = (parts[name][0] for name in COMPONENTS)
     shares = np.bincount(train.codes["discipline"], minlength=len(prior.models.share)) / len(train)
@@ -413,12 +409,8 @@ def _moved(support: Support, shifts: dict[str, float], own: Support) -> Support:
 
 
 def refits_from(prior: Prior, game: Game, deviations: Mapping[str, float], seed: int, number: int) -> dict[str, Game]:
-    """Refits of a corrected model: those of the prior, moved like the model, each by other draws of the shifts.
-
-    Args:
-        deviations: standard deviation of the shift of each component.
-        number: of refits, at most as many as the prior has.
-    """
+    """Refits of a corrected model: those of the prior, moved like the model, each by other draws of the shifts; ``deviations``:
+    standard deviation of the shift of each component; ``number``: of refits, at most as many as the prior has."""
     found = {}
     for k, refit in enumerate(prior.refits[:number], 1):
         # A shift of the returns moves the winners by as much, and one of the contacts above those below.

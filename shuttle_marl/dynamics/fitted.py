@@ -184,12 +184,8 @@ class FittedModels:
 
     @classmethod
     def load(cls, folder: Path) -> "FittedModels":
-        """Read a folder written by :meth:`save`.
-
-        Raises:
-            ModelError: the file is missing, differs from the model card, or is invalid.
-            GameError: the model card cannot be read.
-        """
+        """Read a folder written by :meth:`save`. Raises ModelError: the file is missing, differs from the model card, or is
+        invalid. Raises GameError: the model card cannot be read."""
         with readable(folder, NETWORKS, "model", ModelError) as (header, arrays):
             described = parsed(header["model"])
             networks = {name: _network(name, arrays) for name in SPECS}
@@ -217,12 +213,8 @@ class FittedModels:
 
 
 def load_models(name: str = "default") -> FittedModels:
-    """The fitted models of a shipped model, or of the model in a folder.
-
-    Raises:
-        GameError: the model does not exist, or its card cannot be read.
-        ModelError: its file is missing or invalid.
-    """
+    """The fitted models of a shipped model, or of the model in a folder. Raises GameError: the model does not exist, or its card
+    cannot be read. Raises ModelError: its file is missing or invalid."""
     return FittedModels.load(model_folder(name))
 
 

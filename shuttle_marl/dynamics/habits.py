@@ -240,11 +240,8 @@ def save_habits(folder: Path, strokes: pa.Table, players: Sequence[str]) -> None
 
 @functools.cache
 def load_habits(folder: Path) -> Mapping[str, tuple[Tally, Tally]]:
-    """Read the tallies of a model folder: of each player, and of all others of the discipline.
-
-    Raises:
-        GameError: the model has none, or its file is damaged.
-    """
+    """Read the tallies of a model folder: of each player, and of all others of the discipline. Raises GameError: the model has
+    none, or its file is damaged."""
     if not (folder / HABITS).is_file():
         raise GameError(
             f"{folder}: this model has no habits of players ({HABITS}); fit the model again, or name one that has them"

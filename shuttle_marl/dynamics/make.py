@@ -56,15 +56,9 @@ def rows_of(rows: Rows, split: Split) -> Rows:
 
 
 def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
-    """Split rows by match into training and validation.
-
-    Args:
-        share: fraction of the unpublished matches for validation, at least one and not all, in the order of the SHA-256 of their
-            names; None: all matches are published ones, whose split is fixed.
-
-    Raises:
-        ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split.
-    """
+    """Split rows by match into training and validation; ``share``: fraction of the unpublished matches for validation, at least
+    one and not all, in the order of the SHA-256 of their names; None: all matches are published ones, whose split is fixed.
+    Raises ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split."""
     names = [rows.matches[i] for i in np.unique(rows.match)]
     own = sorted((name for name in names if split_of(name) is None), key=lambda name: content_hash(name.encode()))
     if share is None:
@@ -85,14 +79,8 @@ def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
 
 
 def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
-    """Refuse too little data.
-
-    Args:
-        prior: whether the fit corrects a model.
-
-    Raises:
-        ShuttleError: too few matches or strokes; with the required number and the reason.
-    """
+    """Refuse too little data; ``prior``: whether the fit corrects a model. Raises ShuttleError: too few matches or strokes; with
+    the required number and the reason."""
     matches, needed = len(np.unique(train.match)), 1 if prior else MIN_MATCHES
     if matches < needed or not len(validation):
         raise ShuttleError(
@@ -345,13 +333,9 @@ def _prior(folder: Path) -> Prior:
 
 
 def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles: Mapping[str, F32], opposite: F32) -> None:
-    """Write the behaviour-cloned players of a model.
-
-    Args:
-        log_choice: ``[base pairs]`` log-probabilities of the average player.
-        profiles: those of the average player of each discipline.
-        opposite: ``[base pairs]`` those in the game of players with different hands.
-    """
+    """Write the behaviour-cloned players of a model; ``log_choice``: ``[base pairs]`` log-probabilities of the average player;
+    ``profiles``: those of the average player of each discipline; ``opposite``: ``[base pairs]`` those in the game of players with
+    different hands."""
 
     def units(values: F32) -> I16:
         return np.rint(values * shipped.CHOICE_UNITS).astype(np.int16)

@@ -152,11 +152,8 @@ def fit_target(rows: Rows, weights: F64, config: EnsembleConfig, seed: int) -> E
 
 
 def fit_success(rows: Rows, target: F64, config: EnsembleConfig, seed: int) -> Ensemble:
-    """Fit the outcome of strokes, summing over unknown targets.
-
-    Args:
-        target: ``[N, 9]`` probability of each target given the state, shot type and technique.
-    """
+    """Fit the outcome of strokes, summing over unknown targets; ``target``: ``[N, 9]`` probability of each target given the
+    state, shot type and technique."""
     label = fault_class(rows)
     latent = latent_target(rows)
     count = np.where(latent, N_AREAS, 1)
@@ -364,11 +361,8 @@ def fit_trees(
     rate: float = PARAMETERS["learning_rate"],
     offset: F64 | None = None,
 ) -> Trees:
-    """Fit trees that predict a binary label.
-
-    Args:
-        offset: ``[N]`` logits to which those of the trees are added; None: no offset.
-    """
+    """Fit trees that predict a binary label; ``offset``: ``[N]`` logits to which those of the trees are added; None: no
+    offset."""
     lgb = lightgbm()
     x = attributes(codes).numpy()
     data = lgb.Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(INPUTS))))

@@ -185,11 +185,8 @@ def in_chunks(module: Callable[[Tensor], Tensor], codes: dict[str, I16], *, axis
 
 
 class Ridge(nn.Module):
-    """Logistic regression on attributes and products of attributes.
-
-    Args:
-        weight: ``[1 + columns]`` coefficients, the intercept first.
-    """
+    """Logistic regression on attributes and products of attributes; ``weight``: ``[1 + columns]`` coefficients, the intercept
+    first."""
 
     weight: Tensor
 
@@ -283,11 +280,8 @@ def _masks(attribute: I32, left: I32, child: I32) -> U8:
 
 
 class _Calibrated(nn.Module):
-    """An ensemble of networks, other parts, and the calibration of their common log-odds.
-
-    Args:
-        line: ``[2]`` slope and intercept of the calibrated log-odds.
-    """
+    """An ensemble of networks, other parts, and the calibration of their common log-odds; ``line``: ``[2]`` slope and intercept
+    of the calibrated log-odds."""
 
     line: Tensor
 
@@ -316,12 +310,8 @@ class MSucc(_Calibrated):
         return self.calibrated(1 - good) + self.trees(codes)
 
     def forward(self, codes: Tensor, shift: Tensor | float = 0.0) -> Tensor:
-        """``[N]`` probabilities.
-
-        Args:
-            shift: change of the log-odds of a fault, such as that by effort and long duels
-                (:attr:`~shuttle_marl.dynamics.modules.Situations.offsets`).
-        """
+        """``[N]`` probabilities; ``shift``: change of the log-odds of a fault, such as that by effort and long duels
+        (:attr:`~shuttle_marl.dynamics.modules.Situations.offsets`)."""
         return torch.sigmoid(-self.fault_logit(codes) - shift)
 
 
@@ -411,24 +401,16 @@ class Situations:
         return self.spread(rows.codes["own_shot"], level, np.where(NET_SHOT[rows.codes["shot"]], long, 0))
 
     def spread(self, own_shot: Ints, level: Ints, long: Ints) -> F64:
-        """``[N, 2 L]`` probability of each situation.
-
-        Args:
-            own_shot: ``[N]`` code of the striker's previous shot type.
-            level: ``[N]`` level of effort, -1 where unknown.
-            long: ``[N]`` 1 for a net shot in a long duel, 0 for other strokes, -1 for a net shot where unknown.
-        """
+        """``[N, 2 L]`` probability of each situation; ``own_shot``: ``[N]`` code of the striker's previous shot type; ``level``:
+        ``[N]`` level of effort, -1 where unknown; ``long``: ``[N]`` 1 for a net shot in a long duel, 0 for other strokes, -1 for
+        a net shot where unknown."""
         levels = np.where((level < 0)[:, None], self.effort_share[own_shot], np.eye(len(self.effort))[level])
         inside = np.where(long < 0, self.duel_share, long)
         return np.concatenate([(1 - inside)[:, None] * levels, inside[:, None] * levels], axis=1)
 
     def mixed(self, logit: F64, weights: F64) -> F64:
-        """Probability of a fault, averaged over the situations.
-
-        Args:
-            logit: ``[N, ...]`` at effort 0 outside of long duels.
-            weights: ``[N, 2 L]`` probability of each situation.
-        """
+        """Probability of a fault, averaged over the situations; ``logit``: ``[N, ...]`` at effort 0 outside of long duels;
+        ``weights``: ``[N, 2 L]`` probability of each situation."""
         total = np.zeros_like(logit)
         for offset, weight in zip(self.offsets, weights.T, strict=True):
             total += weight.reshape(-1, *(1,) * (logit.ndim - 1)) * expit(logit + offset)

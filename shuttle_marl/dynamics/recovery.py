@@ -156,11 +156,8 @@ def people_at(recovery: Recovery, rows: Rows) -> tuple[Bools, F64]:
 
 
 def _coefficients(court: Court, predicted: Predicted, *, winner: bool) -> F64:
-    """``[4, 3]`` coefficients of the effects on one outcome.
-
-    Args:
-        winner: whether the outcome is that the predicted one, a return, does not happen.
-    """
+    """``[4, 3]`` coefficients of the effects on one outcome; ``winner``: whether the outcome is that the predicted one, a return,
+    does not happen."""
     used = placed(predicted.rows) & np.isfinite(predicted.logit) & (predicted.rows.codes["shot"] >= N_SERVES)
     rows, label, offset = predicted.rows.take(used), predicted.label[used] != winner, predicted.logit[used]
     if not len(rows):

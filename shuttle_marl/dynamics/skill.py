@@ -129,12 +129,8 @@ class Posterior:
 
 
 def posterior(model: MixedModel, sd: F64, start: F64 | None = None) -> Posterior:
-    """Mode and curvature of the posterior, by Newton's method with step halving.
-
-    Args:
-        sd: ``[C]`` standard deviations of the components.
-        start: ``[E]`` initial effects.
-    """
+    """Mode and curvature of the posterior, by Newton's method with step halving; ``sd``: ``[C]`` standard deviations of the
+    components; ``start``: ``[E]`` initial effects."""
     variance = model.scale * sd[model.component] ** 2
     precision = csr_matrix(model.difference.T @ model.difference.multiply((1 / variance)[:, None]))
     effects = np.zeros(model.x.shape[1]) if start is None else start
@@ -179,11 +175,8 @@ def gradient_of(model: MixedModel, found: Posterior) -> F64:
 
 
 def fit_variances(model: MixedModel, fixed: F64 | None = None) -> Posterior:
-    """The posterior at the standard deviations of maximum marginal likelihood.
-
-    Args:
-        fixed: ``[C]`` standard deviations that are given; NaN, or None for all, where they are estimated.
-    """
+    """The posterior at the standard deviations of maximum marginal likelihood; ``fixed``: ``[C]`` standard deviations that are
+    given; NaN, or None for all, where they are estimated."""
     given = np.log(np.full(model.components, np.nan) if fixed is None else fixed)
     mode: F64 | None = None
 

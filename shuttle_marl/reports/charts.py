@@ -256,12 +256,8 @@ def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequ
 
 @_styled()
 def waits(rows: Sequence["Wait | Stand"], title: str, hand: str | None) -> Markup:
-    """Half courts with the shares of the nine positions, the net at the top, as the player who waits there sees them.
-
-    Args:
-        rows: a court for each.
-        hand: of the player; None: unknown.
-    """
+    """Half courts with the shares of the nine positions, the net at the top, as the player who waits there sees them; ``rows``: a
+    court for each; ``hand``: of the player; None: unknown."""
     chart, colours, step = Chart(_NARROW, 235.0), _shades(_ALIKE, _MORE), 2 * HALF_WIDTH + 0.7
     axes = chart.axes
     axes.set_aspect("equal")
@@ -338,12 +334,8 @@ def check_format(path: Path) -> None:
 
 
 def save(drawn: Any, path: Path) -> None:
-    """Write a figure as PNG, SVG or PDF.
-
-    Raises:
-        OptionError: the suffix is not a supported format.
-        FileWriteError: the file cannot be written.
-    """
+    """Write a figure as PNG, SVG or PDF. Raises OptionError: the suffix is not a supported format. Raises FileWriteError: the
+    file cannot be written."""
     check_format(path)
     with io.BytesIO() as buffer:
         drawn.savefig(buffer, format=path.suffix[1:], dpi=110)

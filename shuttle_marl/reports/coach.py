@@ -72,11 +72,8 @@ def of_file(
     columns: Path | None = None,
     rules: RulesName | None = None,
 ) -> tuple[MatchReport, Source]:
-    """The report of a match of a rally log, with the number ``match``, or of annotated matches.
-
-    Raises:
-        ShuttleError: an argument that this kind of file does not have; or as :func:`of_log` and :func:`of_strokes`.
-    """
+    """The report of a match of a rally log, with the number ``match``, or of annotated matches. Raises ShuttleError: an argument
+    that this kind of file does not have; or as :func:`of_log` and :func:`of_strokes`."""
     if not is_log(path):
         if pairing:
             raise ShuttleError(f"--pairing {pairing}: only rally logs have pairings; name the match with --match")
@@ -127,17 +124,9 @@ def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
 
 
 def of_log(path: Path, game: Game, pairing: int, match: int) -> tuple[MatchReport, Source]:
-    """The report of a match of a rally log.
-
-    Args:
-        path: the log, or a folder of logs.
-        game: that was played.
-        pairing, match: numbers of the pairing and of the match in it.
-
-    Raises:
-        RecordingError: the log cannot be read, or was played on another game.
-        AnalysisError: no such match.
-    """
+    """The report of a match of a rally log; ``path``: the log, or a folder of logs; ``game``: that was played; ``pairing``,
+    ``match``: numbers of the pairing and of the match in it. Raises RecordingError: the log cannot be read, or was played on
+    another game. Raises AnalysisError: no such match."""
     with RallyLog(path) as log:
         strokes = log_strokes(log, pairing, match)
         numbers = log.numbers_of_match(pairing, match).tolist()
@@ -166,14 +155,8 @@ def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
 
 
 def video_of(template: str) -> Callable[[float], str]:
-    """Address of a video at a time in seconds.
-
-    Args:
-        template: address with ``{seconds}`` where the whole seconds go.
-
-    Raises:
-        AnalysisError: it is no such address.
-    """
+    """Address of a video at a time in seconds; ``template``: address with ``{seconds}`` where the whole seconds go. Raises
+    AnalysisError: it is no such address."""
     fields = [name for _, name, _, _ in string.Formatter().parse(template) if name is not None]
     if fields != ["seconds"] or urlsplit(template).scheme not in ("http", "https"):
         raise AnalysisError(f"--video {template}: expected an http or https address with {{seconds}} once")
@@ -198,11 +181,7 @@ class CoachReport:
             return self._page()
 
     def save(self, path: Path | str, language: Language = "en") -> Path:
-        """Write the page, and return its path.
-
-        Raises:
-            FileWriteError: it cannot be written.
-        """
+        """Write the page, and return its path. Raises FileWriteError: it cannot be written."""
         replace_file(Path(path), self.html(language))
         return Path(path)
 

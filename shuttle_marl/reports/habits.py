@@ -78,12 +78,8 @@ class Habit:
 
 
 def habits(mine: Tally, others: Tally, *, dispersed: bool = True) -> list[Habit]:
-    """Shares of a player beside those of others, for all questions with enough strokes.
-
-    Args:
-        mine, others: counted strokes.
-        dispersed: whether counts vary by their dispersion; else they are independent, as within one match.
-    """
+    """Shares of a player beside those of others, for all questions with enough strokes; ``mine``, ``others``: counted strokes;
+    ``dispersed``: whether counts vary by their dispersion; else they are independent, as within one match."""
     asked: list[tuple[str, tuple[str, ...], str, tuple[float, ...], float]] = []
     for number, question in enumerate(QUESTIONS):
         own, usual = (each.answers(number) for each in (mine, others))
@@ -131,11 +127,8 @@ def discoveries(p: Sequence[float] | F64) -> Bools:
 
 
 def chance(strata: F64) -> float:
-    """P-value of Fisher's exact test, two-sided, that two shares are one; of several strata that they are one in each of them.
-
-    Args:
-        strata: ``[S, 4]`` successes and number of both, each number as large as there are independent strokes; rounded.
-    """
+    """P-value of Fisher's exact test, two-sided, that two shares are one; of several strata that they are one in each of them;
+    ``strata``: ``[S, 4]`` successes and number of both, each number as large as there are independent strokes; rounded."""
     # Probabilities of the successes of the first one, given those of both in each stratum.
     weight, least, found = np.ones(1), 0, 0
     for won, n, others_won, m in np.rint(strata).astype(np.int64).tolist():
@@ -217,12 +210,8 @@ class Option(NamedTuple):
 
 
 def is_short(shot: Ints | int, area: Ints | int) -> Bools:
-    """Whether strokes are clears or lifts that land short of the rear court, where no player aims.
-
-    Args:
-        shot: index of the shot type, any shape.
-        area: index of the area; -1: any area, which is not short.
-    """
+    """Whether strokes are clears or lifts that land short of the rear court, where no player aims; ``shot``: index of the shot
+    type, any shape; ``area``: index of the area; -1: any area, which is not short."""
     return np.isin(shot, _HIGH) & (np.asarray(area) >= 0) & (third_of(np.asarray(area)) < BACK)
 
 
@@ -418,11 +407,8 @@ def options(player: int, found: Sequence[Option]) -> Iterator[Statement]:
 
 
 def serves(strokes: pa.Table, rallies: pa.Table, player: str) -> tuple[int, int]:
-    """Serves of a player that are in the data, and rallies that the player served.
-
-    Args:
-        rallies: :func:`~shuttle_marl.reports.summary.rally_table` of the strokes.
-    """
+    """Serves of a player that are in the data, and rallies that the player served; ``rallies``:
+    :func:`~shuttle_marl.reports.summary.rally_table` of the strokes."""
     first = rallies.filter(pa.compute.equal(rallies["server"], player))["first"].to_numpy()
     stroke, shot = (strokes[name].to_numpy()[first] for name in ("stroke", "shot"))
     return int(((stroke == 1) & (shot < N_SERVES)).sum()), len(first)

@@ -79,12 +79,8 @@ class RallyRow:
 def _rallies(
     strokes: pa.Table, found: Sequence[RealRally], frame: pa.Table, added: F64, area: I64, chances_of: "Chances"
 ) -> list[RallyRow]:
-    """Rallies with the probabilities of winning the match.
-
-    Args:
-        found, frame: the rallies with the score, and their table.
-        added, area: ``[N]`` value and target of each stroke; NaN and -1 where unknown.
-    """
+    """Rallies with the probabilities of winning the match; ``found``, ``frame``: the rallies with the score, and their table;
+    ``added``, ``area``: ``[N]`` value and target of each stroke; NaN and -1 where unknown."""
     column = {name: strokes[name].to_numpy(zero_copy_only=False) for name in ("player", "stroke", "shot", "clock")}
     out: list[RallyRow] = []
     for row, rally in zip(frame.to_pylist(), found, strict=True):
@@ -340,11 +336,8 @@ def match_report(
 
 
 def _only_match(strokes: pa.Table) -> tuple[str, tuple[str, str]]:
-    """Name and players of the only match of a table; who strikes first is the first player.
-
-    Raises:
-        AnalysisError: the table does not have one match of two players.
-    """
+    """Name and players of the only match of a table; who strikes first is the first player. Raises AnalysisError: the table does
+    not have one match of two players."""
     people = strokes["player"].unique().to_pylist()
     first = [strokes["player"][0].as_py(), strokes["opponent"][0].as_py()] if strokes.num_rows else []
     if len(matches_in(strokes)) != 1 or not set(people) <= set(first):

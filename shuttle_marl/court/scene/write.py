@@ -269,15 +269,9 @@ def _flight(shown: Shown, i: int, time: int) -> list[fox.SceneEntity]:
 
 
 def select(log: RallyLog, *, rally: int | None = None, match: int | None = None, pairing: int = 0) -> list[int]:
-    """Numbers of the rallies of a scene, in their order: one rally, all of a match, or by default the longest of the log.
-
-    Args:
-        pairing: number of the pairing of the match.
-
-    Raises:
-        WatchError: both rally and match; or the log has no such match or rally.
-        RecordingError: the log is damaged.
-    """
+    """Numbers of the rallies of a scene, in their order: one rally, all of a match, or by default the longest of the log;
+    ``pairing``: number of the pairing of the match. Raises WatchError: both rally and match; or the log has no such match or
+    rally. Raises RecordingError: the log is damaged."""
     if rally is not None and match is not None:
         raise WatchError("expected one of --rally NUMBER, --match NUMBER")
     if rally is not None:

@@ -90,14 +90,8 @@ class Motion:
         return self.skeletons[seat].racket(right_handed=self.hands[seat] == "right")
 
     def pack(self, first: int = 0) -> bytes:
-        """Pack the motion; ``docs/motion_format.md`` describes the format.
-
-        Args:
-            first: first packed frame; the reader has the previous frames.
-
-        Raises:
-            StagingError: the frame does not exist.
-        """
+        """Pack the motion; ``docs/motion_format.md`` describes the format; ``first``: first packed frame; the reader has the
+        previous frames. Raises StagingError: the frame does not exist."""
         frames, rally = len(self.time), self.trajectory.rally
         if not 0 <= first < frames:
             raise StagingError(f"first frame {first}: this motion has frames 0 to {frames - 1}")

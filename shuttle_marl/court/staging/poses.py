@@ -127,13 +127,9 @@ class Stance:
 
 
 def stance_of(motion: int, contact: F64, base: F64, right_handed: bool, natural: F64) -> Stance:
-    """Stance of a player who comes from ``base`` at a contact.
-
-    Args:
-        contact: ``[3]`` position of the shuttle, in the player's own frame [m].
-        base: ``[2]`` position of the player at the opponent's contact [m].
-        natural: ``[3]`` natural contact of this motion, in the stroke frame of a right-hander [m].
-    """
+    """Stance of a player who comes from ``base`` at a contact; ``contact``: ``[3]`` position of the shuttle, in the player's own
+    frame [m]; ``base``: ``[2]`` position of the player at the opponent's contact [m]; ``natural``: ``[3]`` natural contact of
+    this motion, in the stroke frame of a right-hander [m]."""
     way = contact[:2] - base
     far = float(np.clip((np.hypot(*way) - 0.9) / 1.3, 0, 1))
     heading = 0.0
@@ -246,11 +242,8 @@ class Library:
 
 
 def own_frame(facing: float, right_handed: bool = True) -> F64:
-    """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander.
-
-    Args:
-        facing: sign between both frames, see :meth:`~shuttle_marl.game.rally.Rally.facing`.
-    """
+    """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander; ``facing``: sign
+    between both frames, see :meth:`~shuttle_marl.game.rally.Rally.facing`."""
     return np.array([facing if right_handed else -facing, facing, 1.0])
 
 

@@ -142,11 +142,8 @@ def load_skeleton(name: str) -> Skeleton:
 
 
 def model_file(name: str) -> Path:
-    """The skinned model of a shipped athlete: binary glTF 2.0, y up, facing +z, 52 bones.
-
-    Raises:
-        StagingError: there is no athlete of this name.
-    """
+    """The skinned model of a shipped athlete: binary glTF 2.0, y up, facing +z, 52 bones. Raises StagingError: there is no
+    athlete of this name."""
     return _FOLDER / f"{load_skeleton(name).name}.glb"
 
 

@@ -88,13 +88,8 @@ def half_time(height: float) -> float:
 
 
 def leap(since: F64, height: float, sink: float) -> tuple[F64, F64]:
-    """``[F]`` heights of the hips, relative to standing, and of the feet in a jump [m].
-
-    Args:
-        since: ``[F]`` time since the top [s].
-        height: of the jump [m].
-        sink: least depth to which the hips sink after the landing [m].
-    """
+    """``[F]`` heights of the hips, relative to standing, and of the feet in a jump [m]; ``since``: ``[F]`` time since the top
+    [s]; ``height``: of the jump [m]; ``sink``: least depth to which the hips sink after the landing [m]."""
     half = half_time(height)
     speed = GRAVITY * half
     air = np.maximum(height - GRAVITY / 2 * since**2, 0.0)
@@ -144,13 +139,9 @@ def placed(spots: F64, root: F64, heading: float) -> tuple[F64, F64]:
 
 
 class TimelineBuilder:
-    """Builder of the timeline of one player.
-
-    Args:
-        hips: ``[F, 2]`` path of the hips over the floor, mirrored for a left-hander [m].
-        higher: ``[n]`` additional height of the hips at each stroke [m].
-        mood: index of the reaction to the end of the rally.
-    """
+    """Builder of the timeline of one player; ``hips``: ``[F, 2]`` path of the hips over the floor, mirrored for a left-hander
+    [m]; ``higher``: ``[n]`` additional height of the hips at each stroke [m]; ``mood``: index of the reaction to the end of the
+    rally."""
 
     def __init__(
         self, trajectory: Trajectory, athlete: Athlete, hips: F64, higher: F64, fps: int, mood: int, past: Past | None = None

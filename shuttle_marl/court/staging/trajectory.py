@@ -140,12 +140,8 @@ def _roll(position: F64, velocity: F64, first: int, start: F64, into: F64, time:
 
 
 def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int, walked: F64 | None = None) -> F64:
-    """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m].
-
-    Args:
-        shift: ``[n, 2]`` added to the root of each stance [m].
-        walked: ``[B, 2]`` the first frames, where the hips have been already, two at least.
-    """
+    """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m]; ``shift``: ``[n, 2]`` added to the
+    root of each stance [m]; ``walked``: ``[B, 2]`` the first frames, where the hips have been already, two at least."""
     weight, target, still = _wishes(trajectory, seat, shift, frames, fps)
     if walked is None:
         return _smoothest(weight, target, still, fps)
