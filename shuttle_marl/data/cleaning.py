@@ -259,24 +259,16 @@ def _corrected_label(raw: RawGame, own_half: Bools) -> I8:
 
 @dataclasses.dataclass(frozen=True)
 class Convention:
-    """Another name for the replies to a shot type in one match.
-
-    Attributes:
-        incoming: shot type that is answered.
-        given, meant: label in the match, and that of all others.
-        strokes, of: numbers of strokes with the label ``given``, and with either label.
-        expected: expected share of ``given`` in them.
-        distance: from it, in standard deviations between matches.
-    """
+    """Another name for the replies to a shot type in one match."""
 
     match: str
-    incoming: str
-    given: str
-    meant: str
-    strokes: int
-    of: int
-    expected: float
-    distance: float
+    incoming: str  # shot type that is answered
+    given: str  # label in the match
+    meant: str  # label of all other matches
+    strokes: int  # with the label `given`
+    of: int  # strokes with either label
+    expected: float  # expected share of `given` in them
+    distance: float  # from it, in standard deviations between matches
 
 
 def with_common_labels(strokes: pa.Table) -> tuple[pa.Table, list[Convention]]:

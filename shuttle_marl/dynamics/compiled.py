@@ -178,19 +178,13 @@ def between_hands(replies: Bools, catalogue: Catalogue) -> Bools:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Support:
-    """Support in the data for every edge x -> y of a game, where y is the reply to x.
+    """Support in the data for every edge x -> y of a game, where y is the reply to x."""
 
-    Attributes:
-        strokes: ``[E]`` strokes in the innermost cell (for faults of unknown target, the expected number).
-        faults, winners: ``[E]`` number of these.
-        fault_range, winner_range: ``[E, 2]`` bounds of the predicted probabilities.
-    """
-
-    strokes: F64
-    faults: F64
-    winners: F64
-    fault_range: F64
-    winner_range: F64
+    strokes: F64  # [E] strokes in the innermost cell (for faults of unknown target, the expected number)
+    faults: F64  # [E] faults among them
+    winners: F64  # [E] winners among them
+    fault_range: F64  # [E, 2] bounds of the predicted probability of a fault
+    winner_range: F64  # [E, 2] bounds of that of a winner
 
 
 def support_of(rows: Rows, targets: F64, game: Game, *, opposite: bool = False) -> Support:

@@ -68,25 +68,15 @@ _LEAST_HURRIED: Final = 50  # minimum number of hurried receivers in a fit
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
-    """Result of a fit.
-
-    Attributes:
-        game: layout of the game, without thresholds.
-        support: support in the data of every edge of the game.
-        profiles: support in the strokes of each discipline.
-        opposite: layout and support of the game of players with different hands; None in fits with a given layout.
-        predicted: strokes by component with the average player's predictions from models that were not fitted to the match; and
-            those of ``hurried`` receivers, if they were fitted.
-        chosen: calibration, offsets, and the settings chosen on the validation matches with their scores.
-    """
+    """Result of a fit."""
 
     models: FittedModels
-    game: Game
-    support: Support
-    profiles: tuple[Support, ...]
-    opposite: tuple[Game, Support] | None
-    predicted: dict[str, Predicted]
-    chosen: dict[str, Any]
+    game: Game  # layout of the game, without thresholds
+    support: Support  # support in the data of every edge of the game
+    profiles: tuple[Support, ...]  # support in the strokes of each discipline
+    opposite: tuple[Game, Support] | None  # layout and support between different hands; None in fits with a given layout
+    predicted: dict[str, Predicted]  # by component, the average player's predictions for matches that models were not fitted to
+    chosen: dict[str, Any]  # calibration, offsets, and the settings chosen on the validation matches with their scores
 
     def profile(self, discipline: int) -> "Fit":
         """The fit of one discipline (index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES`)."""

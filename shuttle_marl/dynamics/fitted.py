@@ -74,26 +74,18 @@ def tilted(probabilities: F64, shift: F64) -> F64:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class FittedModels:
-    """The fitted models.
+    """The fitted models; those of outcomes are the modules of :mod:`shuttle_marl.dynamics.modules`."""
 
-    Attributes:
-        m_choice, m_target: what strikers choose (``choice`` and ``target`` of :data:`shuttle_marl.dynamics.modules.SPECS`).
-        m_succ, m_ret, m_contact, m_hurried: the outcome models (:mod:`shuttle_marl.dynamics.modules`).
-        situations: effect of effort and long duels on the log-odds of a fault.
-        share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
-        opposite: whether striker and receiver have different hands; both are right-handed otherwise.
-    """
-
-    m_choice: Ensemble
-    m_target: Ensemble
+    m_choice: Ensemble  # what strikers choose: `choice` of `modules.SPECS`
+    m_target: Ensemble  # and `target`
     m_succ: MSucc
     m_ret: MRet
     m_contact: MContact
     m_hurried: MHurried
-    situations: Situations
-    share: F64
+    situations: Situations  # effect of effort and long duels on the log-odds of a fault
+    share: F64  # [2] fraction of each discipline in the training strokes, the weights of the average game
     choices: PlayerChoices
-    opposite: bool = False
+    opposite: bool = False  # whether striker and receiver have different hands; both are right-handed otherwise
 
     @property
     def choosers(self) -> dict[str, Ensemble]:

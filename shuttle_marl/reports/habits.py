@@ -52,29 +52,19 @@ LEAST_DIFFERENCE: Final = 0.03  # smaller differences of shares are of no use on
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Habit:
-    """A share of strokes beside that of others.
+    """A share of strokes beside that of others."""
 
-    Attributes:
-        kind, about, answer: the question and the answer; of an ending, ``fault`` or ``winner`` twice, about a shot type, and a
-            technique.
-        strokes: number of strokes of the player that the question asks about.
-        share, low, high: share of the answer among them, with its 90 % interval.
-        usual: share of the others.
-        p, q: p-value of the difference, and the same corrected for the number of differences.
-        clear: whether the difference is more than chance, with this correction, and large enough.
-    """
-
-    kind: str
-    about: tuple[str, ...]
-    answer: str
-    strokes: float
-    share: float
-    low: float
+    kind: str  # question; of an ending, `fault` or `winner`
+    about: tuple[str, ...]  # of the question; of an ending a shot type, and a technique
+    answer: str  # to the question; of an ending its kind again
+    strokes: float  # number of strokes of the player that the question asks about
+    share: float  # of the answer among them
+    low: float  # 90 % interval of the share
     high: float
-    usual: float
-    p: float
-    q: float = math.nan
-    clear: bool = False
+    usual: float  # share of the others
+    p: float  # p-value of the difference from the others
+    q: float = math.nan  # p, corrected for the number of differences
+    clear: bool = False  # whether the difference is more than chance, with this correction, and large enough
 
 
 def habits(mine: Tally, others: Tally, *, dispersed: bool = True) -> list[Habit]:
@@ -177,26 +167,18 @@ SERVING: Final = Situation(-1, -1, 0, False)
 
 
 class Option(NamedTuple):
-    """A shot type in one situation beside the other ones there. A rally counts once, by the last stroke in the situation.
-
-    Attributes:
-        shot: index.
-        rallies, won: in which it was played, and that its striker won; ``low``, ``high``: 90 % interval of the share.
-        others, others_won: the same of the other shot types.
-        p, q: p-value of the difference by Fisher's exact test within each striker, and the same corrected for the number of
-            options tested.
-    """
+    """A shot type in one situation beside the other ones there. A rally counts once, by the last stroke in the situation."""
 
     situation: Situation
-    shot: int
-    rallies: int
-    won: int
-    low: float
+    shot: int  # index
+    rallies: int  # in which it was played
+    won: int  # rallies of them that its striker won
+    low: float  # 90 % interval of the share of rallies won
     high: float
-    others: int
-    others_won: int
-    p: float
-    q: float = math.nan
+    others: int  # rallies with the other shot types
+    others_won: int  # of them
+    p: float  # p-value of the difference by Fisher's exact test within each striker
+    q: float = math.nan  # p, corrected for the number of options tested
 
     @property
     def gain(self) -> float:

@@ -40,35 +40,25 @@ _TURN: Final = 0.1  # smallest change of the probability of winning a rally that
 class RallyRow:
     """A rally of the match; players are 0 and 1.
 
-    Attributes:
-        key: game and number of the rally in the data.
-        number: of the rally in the match, by its points, from 1.
-        points, games: score before it.
-        server, winner: numbers of the players; winner None: not recorded.
-        ending: one of :data:`~shuttle_marl.reports.summary.ENDINGS`.
-        last_shot, last_area: shot type and target area of the last stroke; area -1: not known, as that of a fault.
-        given: shot type and target area of the stroke before it; None: there was none.
-        before, after: probability that player 0 wins the match, before and after it; NaN: an earlier game is not in the data.
-        decided: number of the stroke before the last one that changed the probability of winning the rally most, from 1, with the
-            player who struck it, its shot type, and the change for that player; None: not known, or less than a tenth.
-        seconds: time of the rally in the video [s]; None: unknown.
+    ``decided``: number of the stroke before the last one that changed the probability of winning the rally most, from 1, with the
+    player who struck it, its shot type, and the change for that player; None: not known, or less than a tenth.
     """
 
-    key: tuple[int, int]
-    number: int
-    points: tuple[int, int]
-    games: tuple[int, int]
-    server: int
-    winner: int | None
+    key: tuple[int, int]  # game and number of the rally in the data
+    number: int  # of the rally in the match, by its points, from 1
+    points: tuple[int, int]  # score before the rally
+    games: tuple[int, int]  # games before it
+    server: int  # player
+    winner: int | None  # player; None: not recorded
     strokes: int
-    ending: str
-    last_shot: str
-    last_area: int
-    given: tuple[str, int] | None
-    before: float
-    after: float
+    ending: str  # one of `ENDINGS`
+    last_shot: str  # shot type of the last stroke
+    last_area: int  # its target area; -1: not known, as that of a fault
+    given: tuple[str, int] | None  # shot type and target area of the stroke before it; None: there was none
+    before: float  # probability that player 0 wins the match; NaN: an earlier game is not in the data
+    after: float  # the same after the rally
     decided: tuple[int, int, str, float] | None
-    seconds: float | None
+    seconds: float | None  # time of the rally in the video [s]; None: unknown
 
     @property
     def swing(self) -> float:
@@ -169,30 +159,20 @@ class Won:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Choice:
-    """A costly decision.
+    """A costly decision."""
 
-    Attributes:
-        player: who decided; ``rally``: index of the rally; ``stroke``: number of the stroke in it, from 1.
-        incoming: catalogue index of the incoming stroke, the number of strokes for a serve; ``contact``: 0 below, 1 above;
-            ``hurried``: whether the player was.
-        played, better: catalogue indices of the stroke and of a better one.
-        cost: rallies won less than with what elite players choose there, per time, calibrated: the change of the live court.
-        played_behind, better_behind: real strokes behind both.
-        times: number of times that the player chose so in the match.
-    """
-
-    player: int
-    rally: int
-    stroke: int
-    incoming: int
-    contact: int
-    hurried: bool
-    played: int
-    better: int
-    cost: Estimate
-    played_behind: float
-    better_behind: float
-    times: int
+    player: int  # who decided
+    rally: int  # index of the rally
+    stroke: int  # number of the stroke in it, from 1
+    incoming: int  # catalogue index of the incoming stroke, the number of strokes for a serve
+    contact: int  # 0 below, 1 above the net
+    hurried: bool  # whether the player was
+    played: int  # catalogue index of the stroke
+    better: int  # that of a better one
+    cost: Estimate  # rallies won less than with what elite players choose there, per time, calibrated
+    played_behind: float  # real strokes behind the one played
+    better_behind: float  # those behind the better one
+    times: int  # number of times that the player chose so in the match
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -34,39 +34,24 @@ DRILLS: Final = 3
 
 
 class Example(NamedTuple):
-    """A staged rally that shows a habit of the opponent.
+    """A staged rally that shows a habit of the opponent."""
 
-    Attributes:
-        statement: number of the habit on page 1.
-        match: annotated match; empty: the rally is simulated. ``people``: its players.
-        game, points: number of the game, and the points of the opponent and of the other player before the rally.
-    """
-
-    statement: int = 0
-    match: str = ""
-    people: tuple[str, str] = ("", "")
-    game: int = 0
-    points: tuple[int, int] = (0, 0)
+    statement: int = 0  # number of the habit on page 1
+    match: str = ""  # annotated match; empty: the rally is simulated
+    people: tuple[str, str] = ("", "")  # its players
+    game: int = 0  # number of the game
+    points: tuple[int, int] = (0, 0)  # of the opponent and of the other player before the rally
 
 
 class Clips(NamedTuple):
-    """Staged rallies that a page plays, of :mod:`shuttle_marl.court.clips`.
+    """Staged rallies that a page plays, of :mod:`shuttle_marl.court.clips`."""
 
-    Attributes:
-        content: the rallies, as JSON; empty: none.
-        viewer: program that plays them.
-        reason: why there is none.
-        shown: rallies of a match that it plays, by their index.
-        numbers: of the rallies of a match on the live court, from 0, by their index; empty: they cannot be shown there.
-        examples: what each rally of a scouting report shows.
-    """
-
-    content: str = ""
-    viewer: Viewer | None = None
-    reason: str = ""
-    shown: Sequence[int] = ()
-    numbers: Mapping[int, int] = {}
-    examples: Sequence[Example] = ()
+    content: str = ""  # the rallies, as JSON; empty: none
+    viewer: Viewer | None = None  # program that plays them
+    reason: str = ""  # why there is none
+    shown: Sequence[int] = ()  # rallies of a match that it plays, by their index
+    numbers: Mapping[int, int] = {}  # of rallies of a match on the live court, from 0, by their index; empty: not shown there
+    examples: Sequence[Example] = ()  # what each rally of a scouting report shows
 
 
 NO_CLIPS: Final = Clips()

@@ -60,28 +60,17 @@ MATTERS: Final = 0.02  # loss of the position chosen from which it is asked wher
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Rated:
-    """The P legal strokes of N states, one state after the other.
+    """The P legal strokes of N states, one state after the other."""
 
-    Attributes:
-        row: ``[P]`` number of the state.
-        start: ``[N]`` position of the first stroke of each state.
-        stroke, shot: ``[P]`` catalogue index and shot type.
-        behind: ``[P]`` real strokes behind it; NaN: unknown.
-        share: ``[P]`` probability that elite players choose its shot type there.
-        refits: ``[R, P]`` change in each refit, not calibrated.
-        change: ``[P]`` calibrated change.
-        win: ``[P]`` probability that the striker wins the rally.
-    """
-
-    row: I64
-    start: I64
-    stroke: I64
-    shot: I64
-    behind: F64
-    share: F64
-    refits: F64
-    change: F64
-    win: F64
+    row: I64  # [P] number of the state
+    start: I64  # [N] position of the first stroke of each state
+    stroke: I64  # [P] catalogue index
+    shot: I64  # [P] shot type
+    behind: F64  # [P] real strokes behind it; NaN: unknown
+    share: F64  # [P] probability that elite players choose its shot type there
+    refits: F64  # [R, P] change in each refit, not calibrated
+    change: F64  # [P] calibrated change
+    win: F64  # [P] probability that the striker wins the rally
 
     @functools.cached_property
     def best(self) -> I64:
@@ -214,20 +203,13 @@ def _computed(game: Game) -> Rater:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Places:
-    """The M feasible positions of a receiver, against the K legal strokes of the striker.
+    """The M feasible positions of a receiver, against the K legal strokes of the striker."""
 
-    Attributes:
-        position: ``[M]`` positions, rising.
-        people, perfect: ``[M]`` probabilities of people's choices and of perfect play.
-        win: ``[K, M]`` probability that the striker wins the rally with a stroke, under perfect play from then on.
-        struck: ``[K]`` probabilities of the strokes under perfect play.
-    """
-
-    position: I64
-    people: F64
-    perfect: F64
-    win: F64
-    struck: F64
+    position: I64  # [M] positions, rising
+    people: F64  # [M] probability of people's choice
+    perfect: F64  # [M] that of perfect play
+    win: F64  # [K, M] probability that the striker wins the rally with a stroke, under perfect play from then on
+    struck: F64  # [K] probabilities of the strokes under perfect play
 
     @property
     def loss(self) -> F64:

@@ -41,21 +41,14 @@ rounded down (``calibration`` of ``python -m experiments.pairs --cross 4``)."""
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Known:
-    """Data about a player in the model.
-
-    Attributes:
-        strokes, matches: in the data of the model.
-        since: day of the estimate of the skill; None: unknown player, who counts as the average one.
-        hand: one of :data:`~shuttle_marl.game.court.HANDS`; None: not known, played as right-handed.
-        imitated: whether the model has the player's own choices; else those of the average player are used.
-    """
+    """Data about a player in the model."""
 
     name: str
-    strokes: int
-    matches: int
-    since: datetime.date | None
-    hand: str | None
-    imitated: bool
+    strokes: int  # in the data of the model
+    matches: int  # in the data of the model
+    since: datetime.date | None  # day of the estimate of the skill; None: unknown player, who counts as the average one
+    hand: str | None  # one of `HANDS`; None: not known, played as right-handed
+    imitated: bool  # whether the model has the player's own choices; else those of the average player are used
 
 
 class Form(NamedTuple):
