@@ -134,32 +134,19 @@ _WHOLE: Final = re.compile(r"\A(\d+)[.,]0+\Z")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ColumnMap:
-    """Map from a user's headers and words to those of this package.
+    """Map from a user's headers and words to those of this package."""
 
-    Attributes:
-        source: source of the matches; empty: that of the format.
-        columns: header by name of :data:`COLUMNS`; none: those that the words of the header mean.
-        values: by column, word of this package by the user's word in lower case.
-        discipline: of all matches; empty: that of a column, or of known players.
-        coordinates: ``striker``: as in the schema; ``court``: the same for both players.
-        areas_seen_by: ``receiver`` or ``striker``, from whose view left and right are.
-        delimiter: of values; empty: a comma, and without columns what the header has most of.
-        rules: of the matches, of :data:`~shuttle_marl.game.scoring.RULES`; empty: those that the scores tell.
-        guessed: whether the columns are those that the words of the header mean.
-        file: with the map; None: there is none.
-    """
-
-    source: str = ""
-    columns: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    values: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
-    discipline: str = ""
-    coordinates: str = "striker"
-    areas_seen_by: str = "receiver"
-    delimiter: str = ""
+    source: str = ""  # source of the matches; empty: that of the format
+    columns: Mapping[str, str] = dataclasses.field(default_factory=dict)  # header by name of `COLUMNS`; none: as its words mean
+    values: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)  # own word by the user's in lower case
+    discipline: str = ""  # of all matches; empty: that of a column, or of known players
+    coordinates: str = "striker"  # `striker`: as in the schema; `court`: the same for both players
+    areas_seen_by: str = "receiver"  # `receiver` or `striker`, from whose view left and right are
+    delimiter: str = ""  # of values; empty: a comma, and without columns what the header has most of
     decimal: str = "."
-    rules: str = ""
-    guessed: bool = False
-    file: Path | None = None
+    rules: str = ""  # of the matches, of `RULES`; empty: those that the scores tell
+    guessed: bool = False  # whether the columns are those that the words of the header mean
+    file: Path | None = None  # with the map; None: there is none
 
     @classmethod
     def read(cls, path: Path) -> "ColumnMap":

@@ -79,53 +79,34 @@ _ACROSS: Final = [MOVEMENT.index(name) for name in MOVEMENT if name.endswith("_x
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Rows:
-    """N strokes in context.
+    """N strokes in context, in the frame of a right-handed striker.
 
-    Attributes:
-        codes: ``[N]`` code of each of :data:`SLOTS` in the frame of a right-handed striker; ``area`` is the target area (see the
-            module), -1 where no landing was recorded; ``hands`` is 1 where the receiver has the other hand.
-        outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS.
-        landed: ``[N]`` recorded area as a right-handed receiver sees it, -1 where none was recorded.
-        next_contact: ``[N]`` contact height of the next stroke, -1 without one.
-        match: ``[N]`` index into ``matches``.
-        matches: names of the matches.
-        striker, receiver: ``[N]`` identifiers of the players.
-        stroke: ``[N]`` number of the stroke in its rally, from 1.
-        points: ``[N, 2]`` points of striker and receiver before the rally, -1 where they are not known.
-        attacks, opponent_attacks: ``[N]`` previous attacks (smashes, half-smashes) of striker and receiver in the rally; -1
-            where a dropped row may have been one.
-        net_run: ``[N]`` consecutive net shots up to the incoming stroke; -1 where a dropped row may have been the first.
-        movement: ``[N, 15]`` :data:`MOVEMENT`; NaN where a part is unknown, and for serves.
-        hurried: ``[N]`` whether the striker was hurried, -1 where that is not known; ``codes`` then have 0.
-        next_hurried: ``[N]`` that of the next stroke, -1 without one.
-        waiting: ``[N, 2]`` where the receiver stood at the hit, and ``meeting``: where they met the shuttle: distance from the
-            middle line towards their forehand side, and from the net [m]; NaN where that is not known.
-        hand, receiver_hand: ``[N]`` index into :data:`~shuttle_marl.game.court.HANDS`, -1 unknown, which counts as right.
-
-    The first stroke of a rally is a serve, so it is neither an attack nor a net shot even where its row was dropped.
+    ``codes`` has ``[N]`` codes of each of :data:`SLOTS`; ``area`` is the target area (see the module), -1 where no landing was
+    recorded, and ``hands`` is 1 where the receiver has the other hand. The first stroke of a rally is a serve, so it is neither an
+    attack nor a net shot even where its row was dropped.
     """
 
     codes: dict[str, I16]
-    outcome: I8
-    reason: I8
-    landed: I16
-    next_contact: I8
-    match: I32
-    matches: tuple[str, ...]
-    striker: npt.NDArray[np.str_]
-    receiver: npt.NDArray[np.str_]
-    stroke: I16
-    points: I8
-    attacks: I16
-    opponent_attacks: I16
-    net_run: I16
-    movement: F32
-    hurried: I8
-    next_hurried: I8
-    waiting: F32
-    meeting: F32
-    hand: I8
-    receiver_hand: I8
+    outcome: I8  # [N] index into the schema's OUTCOMES
+    reason: I8  # [N] index into REASONS
+    landed: I16  # [N] recorded area as a right-handed receiver sees it, -1 where none was recorded
+    next_contact: I8  # [N] contact height of the next stroke, -1 without one
+    match: I32  # [N] index into `matches`
+    matches: tuple[str, ...]  # names of the matches
+    striker: npt.NDArray[np.str_]  # [N] identifier
+    receiver: npt.NDArray[np.str_]  # [N] identifier
+    stroke: I16  # [N] number of the stroke in its rally, from 1
+    points: I8  # [N, 2] points of striker and receiver before the rally, -1 where they are not known
+    attacks: I16  # [N] previous attacks (smashes, half-smashes) of the striker in the rally; -1 where a dropped row may be one
+    opponent_attacks: I16  # [N] those of the receiver
+    net_run: I16  # [N] consecutive net shots up to the incoming stroke; -1 where a dropped row may have been the first
+    movement: F32  # [N, 15] `MOVEMENT`; NaN where a part is unknown, and for serves
+    hurried: I8  # [N] whether the striker was hurried, -1 where that is not known; `codes` then have 0
+    next_hurried: I8  # [N] that of the next stroke, -1 without one
+    waiting: F32  # [N, 2] where the receiver stood [m]: to the forehand side of the middle line, and from the net; NaN: unknown
+    meeting: F32  # [N, 2] where they met the shuttle [m], likewise
+    hand: I8  # [N] index into `HANDS`, -1 unknown, which counts as right
+    receiver_hand: I8  # [N] likewise
 
     def __len__(self) -> int:
         return len(self.outcome)

@@ -369,21 +369,13 @@ class Situations:
 
     A situation is a level of effort and whether the stroke is a net shot in a long duel. The calibrated probabilities of the
     networks are those at effort 0 outside of long duels.
-
-    Attributes:
-        effort: ``[L]`` offset of each level of effort; the first is 0.
-        duel: offset of a net shot in a long duel.
-        effort_share: ``[15, L]`` frequency of each level, by code of the striker's previous shot type (``own_shot``).
-        duel_share: frequency of long duels among the net shots after two net shots.
-        hurried_share: ``[15, 13]`` frequency of hurried strikers by codes of the incoming shot type and the stroke's; 0 where the
-            data do not know it.
     """
 
-    effort: F64
-    duel: float
-    effort_share: F64
-    duel_share: float
-    hurried_share: F64
+    effort: F64  # [L] offset of each level of effort; the first is 0
+    duel: float  # offset of a net shot in a long duel
+    effort_share: F64  # [15, L] frequency of each level, by code of the striker's previous shot type (`own_shot`)
+    duel_share: float  # frequency of long duels among the net shots after two net shots
+    hurried_share: F64  # [15, 13] frequency of hurried strikers by codes of incoming and own shot type; 0 where not known
 
     @property
     def offsets(self) -> F64:
