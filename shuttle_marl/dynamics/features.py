@@ -82,7 +82,7 @@ class Rows:
     """N strokes in context, in the frame of a right-handed striker.
 
     ``codes`` has ``[N]`` codes of each of :data:`SLOTS`; ``area`` is the target area (see the module), -1 where no landing was
-    recorded, and ``hands`` is 1 where the receiver has the other hand. The first stroke of a rally is a serve, so it is neither an
+    recorded; ``hands`` is 1 where the receiver has the other hand. The first stroke of a rally is a serve, so it is neither an
     attack nor a net shot even where its row was dropped.
     """
 
