@@ -12,7 +12,6 @@ unseen matches no better.
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -21,12 +20,11 @@ import torch
 
 from shuttle_marl.base.arrays import F64, I64, Ints
 from shuttle_marl.dynamics.features import SLOTS, Rows
-from shuttle_marl.dynamics.fitted import ModelError, PlayerChoices, tilted
+from shuttle_marl.dynamics.fitted import PlayerChoices, tilted
 from shuttle_marl.dynamics.models import labelled, labels_of, softmax, unseen
 from shuttle_marl.dynamics.modules import Ensemble
 from shuttle_marl.game.court import N_AREAS, mirrored
 from shuttle_marl.game.policy import STAGES, stages_of
-from shuttle_marl.game.shipped import HISTORY, readable
 from shuttle_marl.game.stroke import N_SHOTS
 
 MIN_STROKES: Final = 1000
@@ -196,12 +194,6 @@ def fit_history(
             scores[name] = dict(zip(("cross_entropy", "of_average"), losses, strict=True))
     arrays = (np.concatenate(both, axis=-1).astype(np.float16) for both in zip(*parts, strict=True))
     return dict(zip((*_NONE, *STAGES), arrays, strict=True)), scores
-
-
-def load_history(folder: Path) -> Arrays:
-    """The shifts of a model folder. Raises ModelError: the file is missing, or differs from the model card."""
-    with readable(folder, HISTORY, "choices", ModelError) as tensors:
-        return tensors.arrays
 
 
 def _choices(name: str, network: Ensemble, rows: Rows, folds: int | None) -> tuple[F64, I64, I64]:

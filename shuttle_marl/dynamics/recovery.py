@@ -26,7 +26,7 @@ from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, PARTS, STEP, Recovery, position_of
-from shuttle_marl.game.shipped import POSITIONS, read_model_card, readable
+from shuttle_marl.game.shipped import POSITIONS, readable
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {  # shot types with the same coefficients; those of serves are 0
@@ -219,15 +219,3 @@ def save_recovery(folder: Path, train: Rows, predicted: Mapping[str, Predicted])
         return None
     replace_file(folder / POSITIONS, fitted.to_bytes())
     return fitted.summary(train)
-
-
-def copied_recovery(folder: Path, prior: Path) -> dict[str, Any] | None:
-    """Take over the positions of a prior model, if it has any: a few matches do not tell them."""
-    try:
-        content = (prior / POSITIONS).read_bytes()
-    except FileNotFoundError:
-        (folder / POSITIONS).unlink(missing_ok=True)
-        return None
-    replace_file(folder / POSITIONS, content)
-    found: dict[str, Any] | None = read_model_card(prior).get("recovery")
-    return found
