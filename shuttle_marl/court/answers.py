@@ -62,8 +62,7 @@ def shipped_rally(key: str) -> FirstRally | None:
 
 
 _PATIENCE: Final = 10.0  # maximum time that a new server waits for its first page before it compiles [s]
-_TOLD, _MOMENTS = 5e-4, 5
-"""Least cost of a stroke, in the probability of winning the match, that pages show, and number of costliest strokes."""
+_TOLD, _MOMENTS = 5e-4, 5  # least cost of a stroke, in matches won, that pages show; number of costliest strokes
 
 
 class Answers:

@@ -25,8 +25,7 @@ _READ: Final = (
     "a CSV table with a row per stroke, a game of ShuttleSet, or XML of Sportscode, Dartfish or Nacsport; export a table (CSV)"
 )
 _INSTANCE: Final = ".//ALL_INSTANCES/instance"
-_KINDS: Final = ("shot", "ending", "technique", "height", "area")
-"""Kinds of words that labels without a group may be, the first ones first."""
+_KINDS: Final = ("shot", "ending", "technique", "height", "area")  # of words that labels without a group may be, in this order
 _LINE: Final = "\N{NUMBER SIGN}line"  # attribute of each element: its line in the file, a name that no XML attribute has
 _DEEPEST: Final = 50
 _MOST_ELEMENTS: Final = 1_000_000

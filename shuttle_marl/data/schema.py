@@ -40,8 +40,7 @@ an unknown one, that the match was stopped: nobody won the rally."""
 
 DISCIPLINES: Final = ("MS", "WS")  # men's singles, women's singles
 
-REACH_OVER: Final = 0.5
-"""A contact point lies at most this far beyond the net [m]: players may reach over it, and points are marked by hand."""
+REACH_OVER: Final = 0.5  # largest distance of a contact point beyond the net [m]: players may reach over it, marks are imprecise
 FAR_OFF: Final = 5.0  # a point more than this far outside the lines [m] cannot be real: the file or its homography is broken
 
 _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
@@ -89,11 +88,10 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
      "to 11); null: not known, the scores tell."),
 )  # fmt: skip
 
-STROKES: Final = pa.schema(
+STROKES: Final = pa.schema(  # Arrow schema of a stroke table in memory; files and `named` have names for the codes of `NAMES`
     [pa.field(name, kind, nullable, metadata={"description": text}) for name, kind, nullable, text in _FIELDS],
     metadata={"schema": "shuttle_marl.strokes", "version": "2"},
 )
-"""Arrow schema of a stroke table in memory; files and :func:`named` have names for the codes of :data:`NAMES`."""
 
 OPTIONAL: Final = ("hand", "hurried", "forced", "confidence", "inferred", "rules")  # columns that files may lack
 

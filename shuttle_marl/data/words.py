@@ -19,8 +19,7 @@ from shuttle_marl.game import court
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
-LANGUAGES: Final = ("en", "zh", "ja", "ko", "id", "da", "hi")
-"""English, Chinese, Japanese, Korean, Indonesian and Malay, Danish, Hindi."""
+LANGUAGES: Final = ("en", "zh", "ja", "ko", "id", "da", "hi")  # `id`: Indonesian and Malay
 _MARKS: Final = re.compile(r"[\s_\-\u2010-\u2015\u30fb\u2019.:/()'#]+")
 _LONGEST: Final = 50
 _ALIKE: Final = 0.75  # least similarity of a word that is meant by a misspelt one
@@ -104,8 +103,7 @@ PLAYERS: Final = ("player", "opponent", "winner")  # columns with names of playe
 REQUIRED: Final = ("player", "shot")
 FAULTS: Final = ("out", "net", "short", "foul", "error", "forced-error", "unforced-error")
 WINNERS: Final = ("landed", "misjudged")
-STOPS: Final = ("retired", "walkover", "disqualified")
-"""Endings of a match; nobody won the rally."""
+STOPS: Final = ("retired", "walkover", "disqualified")  # endings of a match; nobody won the rally
 WORDS: Final[dict[str, tuple[str, ...]]] = {
     "hand": court.HANDS,
     "shot": (*SHOTS, "unknown", "serve"),

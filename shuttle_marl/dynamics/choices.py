@@ -31,8 +31,7 @@ MIN_STROKES: Final = 1000
 CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 _TYPICAL_PRECISION: Final = {"style": 30.0, "area": 3.0}  # precisions that were chosen for the shipped model
 Arrays = dict[str, npt.NDArray[np.float16]]
-_NONE: Final = {name: SLOTS[f"own_{name}"] - 2 for name in ("shot", "area", "technique")}
-"""Code of the attributes where there was no stroke."""
+_NONE: Final = {name: SLOTS[f"own_{name}"] - 2 for name in ("shot", "area", "technique")}  # code of no stroke
 _LAGGED: Final = 2 * len(_NONE)
 _SIZES: Final = np.array([*np.repeat(list(_NONE.values()), 2) + 1, *STAGES.values()])
 """Rows of each table of shifts: of an attribute of the strokes three and four before, and of a stage."""

@@ -64,8 +64,7 @@ _FALLBACK_SHARE: Final = 0.05
 CONTEXT_STROKES: Final = 20.0  # weight of the contexts of a shot type in those of an incoming stroke, in strokes
 MIN_STROKES: Final = 20
 MIN_REPLIES: Final = 2
-SMALL_CELL: Final = 50
-"""Number of strokes against an incoming shot type in an area, at a height, below which those in its third of the court count."""
+SMALL_CELL: Final = 50  # strokes against a shot type in an area, at a height, below which those in its third count
 MIN_STYLE: Final = 5
 PRIOR_STROKES: Final = 40.0
 CREDIBLE: Final = 0.90

@@ -259,8 +259,7 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {  # limits of the values of :fu
     "best_response_thin": (0.0, 0.25),
 }
 THIN: Final = 5.0  # a stroke with fewer real strokes in its innermost cell is thinly supported
-_ANY: Final = 0.5
-"""A stroke with fewer real strokes in its innermost cell has no support; faults of unknown target count in parts."""
+_ANY: Final = 0.5  # with fewer real strokes in its innermost cell a stroke has no support; faults count in parts
 
 
 def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:

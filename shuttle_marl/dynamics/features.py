@@ -57,12 +57,10 @@ SLOTS: Final[dict[str, int]] = {  # number of values of each attribute
     "technique": N_TECHNIQUES,
     "area": N_AREAS,
 }
-STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
-"""Attributes of the context, which the striker knows before choosing."""
+STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))  # what the striker knows
 ATTACK: Final = np.isin(SHOTS, ATTACKS)
 NET_SHOT: Final = np.isin(SHOTS, NET_SHOTS)
-MIN_LANDINGS: Final = 20
-"""With fewer winners or returned strokes of a shot type and height, both heights count; with still fewer none are moved."""
+MIN_LANDINGS: Final = 20  # winners, and returns, of a shot type and height; with fewer both heights count, or none move
 MOVEMENT: Final = (
     "contact_x", "contact_y", "striker_x", "striker_y", "reach", "moved", "forward", "sideways", "speed", "since", "before",
     "own_x", "own_y", "opponent_x", "opponent_y",

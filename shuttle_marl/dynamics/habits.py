@@ -33,8 +33,7 @@ from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, S
 
 NONE: Final = N_SHOTS  # code of a previous stroke that does not exist; larger codes are unknown
 DIRECTIONS: Final = ("straight", "middle", "cross")
-DIRECTED: Final = ("smash", "half-smash", "drop", "clear", "lift", "drive", "push")
-"""Shot types that are called straight or cross-court."""
+DIRECTED: Final = ("smash", "half-smash", "drop", "clear", "lift", "drive", "push")  # called straight or cross
 _LEAST_DEGREES: Final = 10
 
 

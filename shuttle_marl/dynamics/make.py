@@ -111,8 +111,7 @@ def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
     return rows.take(np.concatenate([np.flatnonzero(rows.match == match) for match in np.sort(np.concatenate(names))]))
 
 
-ENOUGH_STROKES: Final = 20_000
-"""Strokes that fill most cells, and show what people play in 1 % of cases; with fewer, both are a warning."""
+ENOUGH_STROKES: Final = 20_000  # they fill most cells, and show what people play in 1 % of cases; with fewer, a warning
 
 
 @own_settings(THREADS)

@@ -31,8 +31,7 @@ from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 _CHUNK: Final = 1024  # strokes of an evaluation: few enough that their hidden layers stay in the cache
-_LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))])
-"""``[256]`` position of the lowest bit."""
+_LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))])  # [256] position of the lowest bit
 INPUTS: Final = tuple(SLOTS)
 LEVELS: Final = 2
 LONG_DUEL: Final = 3  # minimum number of consecutive net shots before a stroke in a long duel
@@ -218,8 +217,7 @@ class Trees(nn.Module):
         value: ``[T, M + 1]`` leaves.
     """
 
-    masks: Tensor
-    """``[attributes, codes, T]`` uint8 leaves that a tree can still reach, one bit each, by the code of one attribute."""
+    masks: Tensor  # [attributes, codes, T] uint8 leaves that a tree can still reach, one bit each, by the code of one attribute
     leaves: Tensor  # ``[T * 256]`` leaf of each tree by the bits of those that are left
 
     def __init__(self, *, attribute: I32, left: I32, child: I32, value: F64) -> None:

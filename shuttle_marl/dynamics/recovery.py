@@ -35,14 +35,12 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {  # shot types with the same coeffi
     "short": ("drop", "net-shot", "cross-court-net-shot", "block"),
     "high": ("clear", "lift"),
 }
-FEATURES: Final = ("lateral", "deeper", "in front")
-"""How far a position lies to a side of the place where a stroke is met, behind it, and in front of it [m]."""
+FEATURES: Final = ("lateral", "deeper", "in front")  # distance from where a stroke is met [m]
 MIN_ROWS: Final = 5000  # strokes with a known position of the receiver of a fit; fewer have some hundred winners
 LEAST_SHARE: Final = 0.04  # least share of a feasible position after an incoming shot type and own area
 _PEOPLE: Final = 25.0  # weight of the share in the cell around a cell, in strokes
 _MEETING: Final = 20.0  # weight of the mean meeting point of an area in that of a shot type and area, in strokes
-_USUAL: Final = 10.0
-"""Weight of the mean features of a shot type and area in those after an own area and incoming shot type, in strokes."""
+_USUAL: Final = 10.0  # weight of the mean features of a stroke in those of a cell, in strokes
 _PENALTY: Final = 20.0
 _ROUNDS: Final = 30
 _LIMIT: Final = 4.0

@@ -193,7 +193,7 @@ def fit_variances(model: MixedModel, fixed: F64 | None = None) -> Posterior:
     return posterior(model, np.exp(found.x), mode)
 
 
-SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
+SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {  # shot types that share an offset, by the group (`GROUPS`)
     "attack": ("smash", "half-smash", "net-kill"),
     "net": ("net-shot", "cross-court-net-shot"),
     "rear": ("clear", "drop"),
@@ -201,7 +201,6 @@ SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
     "block": ("block", "drive"),
     "serve": ("short-serve", "long-serve"),
 }
-"""Shot types that share an offset, by the group (:data:`~shuttle_marl.game.pairs.GROUPS`)."""
 GROUP: Final[I8] = np.array([[shot in SHOTS_OF_GROUP[group] for group in GROUPS].index(True) for shot in SHOTS], dtype=np.int8)
 VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
 """Variance components: general and group offsets of each role, change of the general ones in a year, nuisance effects."""

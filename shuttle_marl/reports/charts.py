@@ -37,17 +37,14 @@ if TYPE_CHECKING:
 
 _COLOURS: Final = ("#0b8f66", "#d0553c", "#3f6fd8", "#b8860b", "#8a56c9", "#1d9aa8", "#c2478f", "#6b7d2c", "#8c6a55", "#5c6b7a")
 _INK, _DIM, _LINE, _ACCENT, _SECOND = "#1c2127", "#69727d", "#e3e5e2", "#0b6e4e", "#c8553d"
-_PLAYERS: Final = ("#1f5fa8", "#b8500a")
-"""Colours of two players, blue and orange, which all readers tell apart."""
+_PLAYERS: Final = ("#1f5fa8", "#b8500a")  # of two players: blue and orange, which all readers tell apart
 _THEME: Final = {_INK: "--ink", _DIM: "--dim", _LINE: "--line", _ACCENT: "--accent", _SECOND: "--second"} | dict(
     zip(_PLAYERS, ("--first", "--other"), strict=True)
 )
-_MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
-"""Colours of larger and smaller shares; orange and blue are told apart by all readers."""
+_MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"  # of larger and smaller shares, which all readers tell apart
 INK: Final = "#0b0f17"
 _MAT, _MARKING, _DARK = "#127257", "#dcebe6", "#16191c"
-_WIDE, _NARROW = 1100.0, 460.0
-"""Widths of charts [px], of which the second fits a telephone; a point of Matplotlib is drawn as one pixel."""
+_WIDE, _NARROW = 1100.0, 460.0  # widths of charts [px = points of Matplotlib]; the second fits a telephone
 _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
 _FORMATS: Final = (".png", ".svg", ".pdf")

@@ -301,5 +301,4 @@ def _volatility(sigma: float, phi: float, information: float, surplus: float) ->
     return math.exp(optimize.brentq(f, low, high) / 2) if low < high else sigma
 
 
-PAR: Final = Rating(points=1400.0, deviation=0.0)
-"""Opponent of all decisions: against it the average pro, whose mean quality is 0.63, has about 1500."""
+PAR: Final = Rating(points=1400.0, deviation=0.0)  # opponent of all decisions; against it the average pro has about 1500

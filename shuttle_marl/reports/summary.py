@@ -23,8 +23,7 @@ from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.reader import is_log
 
-ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
-"""Endings of rallies: a winner, or a fault of the last striker by its kind."""
+ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")  # a winner, or a fault by its kind
 LONGEST: Final = 60  # largest counted length of a rally; longer rallies count as this long
 
 

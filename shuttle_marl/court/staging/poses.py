@@ -51,11 +51,10 @@ OVERHEADS: Final = frozenset({OVERHEAD, AROUND, OVERHEAD_BACKHAND})  # motions t
 LUNGES: Final = frozenset({LUNGE, LUNGE_BACKHAND})
 STRIDES: Final = LUNGES | {KILL, KILL_BACKHAND}  # motions whose stroke frame turns towards the shuttle
 BACKHANDS: Final = frozenset(k for k, name in enumerate(MOTIONS) if "backhand" in name)
-HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
+HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {  # serves: palm against contact [m], release before it [s]
     SERVE_BACKHAND: ((-0.04, 0.02, 0.04), 0.06),
     SERVE_FOREHAND: ((-0.12, 0.04, 0.32), 0.26),
 }
-"""Serves: position of the palm relative to the contact [m], and time of release before the contact [s]."""
 
 
 class Manner(NamedTuple):

@@ -16,8 +16,7 @@ from shuttle_marl.court.staging.trajectory import RETURN, Trajectory
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.stroke import SHOTS
 
-_BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
-"""Times of preparation, take-back and load: seconds before the contact, and limit as a fraction of the flight."""
+_BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))  # preparation, take-back, load: seconds before, limit by flight
 _HURRIED: Final = 0.7  # times before the contact of a hurried player, as a fraction of those of others
 _AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
 _REACTION: Final = 0.675  # strength of the reactions to the end of the rally, from 0 to 1

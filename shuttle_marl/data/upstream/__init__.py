@@ -130,8 +130,7 @@ def player_id(name: str) -> str:
 
 _TIMEOUT: Final = (10.0, 30.0)
 _TRANSIENT: Final = frozenset({408, 425, 429, 500, 502, 503, 504})
-_PART, _PARTS = 1 << 16, 512
-"""Bytes of a part of a file, and parts that are read of one: 32 MB, far more than a published file has."""
+_PART, _PARTS = 1 << 16, 512  # bytes of a part of a file, and parts read: 32 MB, far more than a published file has
 _RESUME: Final = "complete files are kept: run the same command again to continue"
 
 
