@@ -347,10 +347,8 @@ def browser_page(size: tuple[int, int] = _SIZE, *flags: str, **options: Any) -> 
 
 
 def browser_flags() -> list[str]:
-    """Flags of a headless browser that makes no network requests of its own.
-
-    Without a GPU, Mesa is two to three times as fast as SwiftShader.
-    """
+    """Flags of a headless browser that makes no network requests of its own. Without a GPU, Mesa is two to three times as fast as
+    SwiftShader."""
     mesa = find_library("EGL") is not None and any(Path("/usr/lib").glob("*/dri/swrast_dri.so"))
     # Chromium does not start as root with its sandbox.
     root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []

@@ -164,11 +164,9 @@ def _line(row: TagRow) -> str:
 
 
 def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke], receivers: Hands = ("right", "right")) -> list[Suggestion]:
-    """Shot types with which a policy continues a rally, the most probable first, with ways of playing them and targets.
-
-    Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states. Each stroke
-    of the line stands for the nearest legal one; ``receivers``: hands of who receives the serve, and of the server.
-    """
+    """Shot types with which a policy continues a rally, the most probable first, with ways of playing them and targets. Who was
+    hurried is not known, and the height of the next contact neither: their probabilities weight the states. Each stroke of the
+    line stands for the nearest legal one; ``receivers``: hands of who receives the serve, and of the server."""
     states = {ROOT: 1.0}
     for i, stroke in enumerate(line):
         met = {state: w for state, w in states.items() if int(game.contact(state)) == stroke.height} or states

@@ -132,10 +132,8 @@ def _clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
 
 
 def _arrange(raw: RawGame) -> tuple[RawGame, int]:
-    """The rows in playing order without repeated ones, and their number.
-
-    Two games of the data have an early rally at the end of the file; one stroke is repeated.
-    """
+    """The rows in playing order without repeated ones, and their number. Two games of the data have an early rally at the end of
+    the file; one stroke is repeated."""
     raw = raw.take(np.argsort(raw["rally"], kind="stable"))
     same = [raw[name][1:] == raw[name][:-1] for name in ("rally", "stroke", "by_a")]
     repeated = np.r_[False, np.all(same, axis=0) & (raw["stroke"][1:] > 1)]
@@ -176,10 +174,8 @@ def _sides(raw: RawGame, first: Bools) -> tuple[I64, Bools]:
 
 
 def _with_corrected_letters(raw: RawGame, first: Bools) -> RawGame:
-    """Exchange players A and B in rallies that contradict the ends of the game, which do not change within games 1 and 2.
-
-    In two rallies of the data they are on each other's side, and the last striker's fault wins; exchanged letters correct both.
-    """
+    """Exchange players A and B in rallies that contradict the ends of the game, which do not change within games 1 and 2. In two
+    rallies of the data they are on each other's side, and the last striker's fault wins; exchanged letters correct both."""
     if raw.game > 2:
         return raw
     side, _ = _sides(raw, first)
@@ -192,11 +188,9 @@ def _with_corrected_letters(raw: RawGame, first: Bools) -> RawGame:
 
 
 def _outcomes(raw: RawGame, first: Bools) -> tuple[I64, I64]:
-    """``[n]`` outcome and reason of every stroke, indices into OUTCOMES and REASONS.
-
-    The winner of a rally is the player who scored, or the annotated winner if the score of the previous rally is missing. If
-    the reason contradicts the winner, the last stroke was not annotated and the outcome is unknown.
-    """
+    """``[n]`` outcome and reason of every stroke, indices into OUTCOMES and REASONS. The winner of a rally is the player who
+    scored, or the annotated winner if the score of the previous rally is missing. If the reason contradicts the winner, the last
+    stroke was not annotated and the outcome is unknown."""
     ends = np.flatnonzero(np.r_[first[1:], True])
     before = np.vstack([[0, 0], raw["score"][ends[:-1]]])
     gained = raw["score"][ends] - before
@@ -246,10 +240,8 @@ def _longest_chain(frame: I64, clock: I64) -> list[int]:
 
 
 def _corrected_label(raw: RawGame, own_half: Bools) -> I8:
-    """``[n]`` area labels from the receiver's view, -1 outside the court.
-
-    In the files left and right are those of the player in whose half the shuttle landed.
-    """
+    """``[n]`` area labels from the receiver's view, -1 outside the court. In the files left and right are those of the player in
+    whose half the shuttle landed."""
     label = _LABEL_AREA[raw["label_area"]]
     mirror = own_half.copy()
     if raw.match.source == "ShuttleSet" and raw.match.number in range(9, 21):  # labels of the lower half are mirrored

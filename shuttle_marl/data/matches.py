@@ -148,10 +148,8 @@ Doubts = list[tuple[str, str]]  # matches, and what is not certain of each
 
 
 def told_rules(matches: Ends) -> tuple[dict[str, RulesName], Doubts]:
-    """Names of the rules by which the scores of each match are possible, and what is not certain.
-
-    Those that allow most matches hold for all that they allow, of equal ones those of the sport.
-    """
+    """Names of the rules by which the scores of each match are possible, and what is not certain. Those that allow most matches
+    hold for all that they allow, of equal ones those of the sport."""
     fits = {match: {name: _fit(ends, rules) for name, rules in RULES.items()} for match, ends in matches.items()}
     least = {match: min(fit[:2] for fit in of_match.values()) for match, of_match in fits.items()}
     possible = {match: [name for name in RULES if fits[match][name][:2] == least[match]] for match in fits}

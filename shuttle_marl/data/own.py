@@ -335,10 +335,8 @@ def import_matches(path: Path, columns: Path | None = None, rules: RulesName | N
 
 
 def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
-    """Check and convert the table of a reader.
-
-    Rallies that were replayed are dropped; of a file that users cannot correct also those with a problem, which is a warning.
-    """
+    """Check and convert the table of a reader. Rallies that were replayed are dropped; of a file that users cannot correct also
+    those with a problem, which is a warning."""
     path, total, rules = sheet.path, sheet.total, cast("RulesName", given.rules) or None
     sheet.map = _mapped(sheet, given)
     sheet.require(sheet.map.columns.values())

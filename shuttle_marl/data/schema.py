@@ -108,10 +108,8 @@ NAMES: Final = {
 
 
 def named(strokes: pa.Table) -> pa.Table:
-    """A stroke table with names instead of codes: the columns of :data:`NAMES` become dictionaries of text.
-
-    pandas reads them as categories, polars and DuckDB as text.
-    """
+    """A stroke table with names instead of codes: the columns of :data:`NAMES` become dictionaries of text. pandas reads them as
+    categories, polars and DuckDB as text."""
     for name, names in NAMES.items():
         strokes = changed(strokes, name, pa.DictionaryArray.from_arrays(strokes[name].combine_chunks(), pa.array(names)))
     return strokes

@@ -34,11 +34,8 @@ _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 @dataclasses.dataclass(eq=False, kw_only=True)
 class Sheet:
-    """The n rows of a table of text.
-
-    An invalid value becomes a missing one, its row is marked, and the problem is recorded. The caller decides whether problems
-    are fatal.
-    """
+    """The n rows of a table of text. An invalid value becomes a missing one, its row is marked, and the problem is recorded. The
+    caller decides whether problems are fatal."""
 
     path: Path
     content: bytes
@@ -152,10 +149,8 @@ class Sheet:
         return values
 
     def bounded(self, name: str, low: int, high: int, *, whole: bool = True, needed: bool = False) -> F64:
-        """``[n]`` numbers from low to high, ``whole`` ones or any, NaN for empty values and without the column.
-
-        Any other value is a problem and becomes NaN, and so is an empty one that is ``needed``.
-        """
+        """``[n]`` numbers from low to high, ``whole`` ones or any, NaN for empty values and without the column. Any other value
+        is a problem and becomes NaN, and so is an empty one that is ``needed``."""
         values = self.numbers(name)
         fine = (values >= low) & (values <= high) & ((values == np.floor(values)) | (not whole))
         for row in np.flatnonzero(~fine & ~np.isnan(values)).tolist():

@@ -275,10 +275,8 @@ def simulate(
 
 
 def simulated_rallies(game: Game, players: Mapping[str, Policy], *, matches: int, seed: int) -> Rallies:
-    """The rallies of :func:`simulate`, as a log has them.
-
-    Match m of a pair has the draws that a league with ``matches_per_draw=1`` would give it.
-    """
+    """The rallies of :func:`simulate`, as a log has them. Match m of a pair has the draws that a league with
+    ``matches_per_draw=1`` would give it."""
     from shuttle_marl.kernel.matches import Matches, asking, play, play_matches  # noqa: PLC0415  numba is slow to import
 
     if matches < 1:

@@ -54,10 +54,8 @@ def _file() -> dict[str, dict[str, dict[str, list[str]]]]:
 
 
 class Words:
-    """Meanings of the words of a kind in a file.
-
-    A word with several meanings has that of the language which most of the words of the file are of, English if in doubt.
-    """
+    """Meanings of the words of a kind in a file. A word with several meanings has that of the language which most of the words of
+    the file are of, English if in doubt."""
 
     def __init__(self, kind: str, texts: Iterable[str], header: Iterable[str] = ()) -> None:
         """Words of a kind, ``column`` or the name of a column, from all texts of a file and headers that tell its language."""

@@ -1,13 +1,9 @@
 """Choices that differ from the average player's: shifts of their logits, shrunk towards zero.
 
-**By player** (:func:`player_choices`): the precision of the prior, which sets the strength of the shrinkage, is chosen on the
-validation matches.
-
-**By the rally so far** (:func:`fit_history`): shifts by the two strokes that the state no longer holds, three and four before
-(shot type, area, technique), by the number of the stroke, and by the score, which add up. The strokes one and two before are
-inputs of the average player's networks, whose out-of-fold predictions are shifted. Small networks over all four strokes predict
-unseen matches no better.
-:mod:`shuttle_marl.policy.baselines` plays with the shifts.
+Those of a player (:func:`player_choices`) are shrunk as the validation matches choose. Those by the rally so far
+(:func:`fit_history`) add up: by the strokes three and four before, which the state no longer holds (shot type, area, technique),
+by the number of the stroke, and by the score. They shift out-of-fold predictions of the average player's networks; small networks
+over all four strokes predict unseen matches no better. :mod:`shuttle_marl.policy.baselines` plays with them.
 """
 
 import dataclasses

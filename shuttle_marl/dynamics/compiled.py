@@ -87,11 +87,9 @@ def catalogue_of(rows: Rows) -> Catalogue:
 
 
 def average_choices(models: FittedModels, rows: Rows, catalogue: Catalogue) -> F64:
-    """``[n, 2, 13, 3]`` share of shot types and techniques in the average player's choices, by incoming stroke and height.
-
-    The mean over the contexts in which people meet the incoming stroke at this height, and, with the weight of
-    :data:`CONTEXT_STROKES`, over those in which they meet any of its shot type; zero where nobody met that.
-    """
+    """``[n, 2, 13, 3]`` share of shot types and techniques in the average player's choices, by incoming stroke and height. The
+    mean over the contexts in which people meet the incoming stroke at this height, and, with the weight of
+    :data:`CONTEXT_STROKES`, over those in which they meet any of its shot type; zero where nobody met that."""
     context = [name for name in STATE if not name.startswith("incoming_") and name not in ("hands", "contact")]
     share = np.zeros((len(catalogue), 2, N_SHOTS, N_TECHNIQUES))
     for shot, contact in np.ndindex(N_SHOTS, 2):
@@ -342,10 +340,8 @@ def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
 
 
 def pair_log_choices(models: FittedModels, game: Game) -> F32:
-    """``[base pairs]`` log-probability of each stroke for the average player, before normalising over legal strokes.
-
-    Whole multiples of 1 / :data:`~shuttle_marl.game.shipped.CHOICE_UNITS`.
-    """
+    """``[base pairs]`` log-probability of each stroke for the average player, before normalising over legal strokes. Whole
+    multiples of 1 / :data:`~shuttle_marl.game.shipped.CHOICE_UNITS`."""
     state = np.flatnonzero(game.playable[: game.n_base_states])
     codes = _read(models, codes_of_states(game, state, opposite=models.opposite))
     choice = np.full((game.n_base_states, N_SHOTS * N_TECHNIQUES), np.nan)

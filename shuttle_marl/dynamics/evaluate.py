@@ -1,11 +1,9 @@
 """Evaluation and model cards: scores on unseen matches, health checks of the solved game, and what people play.
 
-The baseline of the scores is gradient-boosted trees with the same rows and features (LightGBM, Ke et al., NIPS 2017).
-
-Models that predict well can still make a bad game: a single wrong entry of the tables can make perfect play a stall or a single
-winning stroke. So every fit is solved exactly, and its card reports perfect play and the best response to the behaviour-cloned
-player, with warnings for values outside of their limits. No fit is selected by these values: that would let opinions on optimal
-play determine the game.
+The baseline of the scores is gradient-boosted trees with the same rows and features (LightGBM, Ke et al., NIPS 2017). A single
+wrong entry of the tables can make perfect play a stall or a single winning stroke, so every fit is solved exactly, and its card
+warns of values outside of their limits. No fit is selected by these values: that would let opinions on optimal play determine the
+game.
 """
 
 import math

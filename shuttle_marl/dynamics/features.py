@@ -1,17 +1,10 @@
 """Features of the models: strokes in context, as integer codes.
 
-A stroke has attributes (shot type, area, contact height, technique). Its context consists of the attributes of the striker's
-previous stroke and of the incoming stroke, the contact height, whether the striker is hurried, and the discipline. Simulated
-strokes record who was hurried; of annotated ones, an index decides (:class:`Hurry`). A longer history improves no model on unseen
-matches.
-
-**Hands.** The strokes of a left-handed striker are mirrored, so the models know one frame, that of a right-handed striker, and
-read whether the receiver has the other hand. A game names areas as a right-handed receiver sees them (:attr:`Rows.game_codes`).
-
-**Target areas** have the same meaning for every outcome. Returned strokes were met before the floor, so the depth of other
-landings would reveal the outcome. They are moved along the line of flight: winners to the same quantile among the returned
-strokes of their shot type and contact height as among the winners of these, out strokes to at most the 90 % quantile
-(``docs/models.md``). Simulated strokes record the target itself and are not moved.
+A stroke has attributes (shot type, area, contact height, technique). Its context consists of those of the striker's previous and
+of the incoming stroke, the contact height, whether the striker is hurried (:class:`Hurry`), and the discipline; a longer history
+improves no model on unseen matches. Strokes of left-handed strikers are mirrored. Target areas mean the same for every outcome:
+where the shuttle fell to the floor, they are moved along the line of flight (``docs/models.md``); simulated strokes record the
+target.
 """
 
 import dataclasses
@@ -167,11 +160,9 @@ def mirrored_where(left: Bools, area: I16) -> I16:
 
 
 def rows_from_strokes(strokes: pa.Table) -> Rows:
-    """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`).
-
-    The target areas of annotated winners and out strokes depend on the other strokes of the table. Whether strikers were hurried
-    stays unknown where the table does not know it; see :func:`shuttle_marl.dynamics.features.marked_rows`.
-    """
+    """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`). The target areas of annotated winners and
+    out strokes depend on the other strokes of the table. Whether strikers were hurried stays unknown where the table does not
+    know it; see :func:`shuttle_marl.dynamics.features.marked_rows`."""
     column = {
         name: strokes[name].to_numpy(zero_copy_only=False)
         for name in ("game", "rally", "stroke", "shot", "height", "technique", "outcome", "reason")
@@ -393,11 +384,9 @@ _CODES: Final = ("incoming_shot", "incoming_technique", "contact")
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Hurry:
-    """Index of hurried strikers: K forests of T trees with M nodes each, and the thresholds.
-
-    Node m of a tree tests one input of a row (:meth:`inputs`), and sends the row to its first child where that is at most the
-    cut: to a later node, or to leaf -1 - child.
-    """
+    """Index of hurried strikers: K forests of T trees with M nodes each, and the thresholds. Node m of a tree tests one input of
+    a row (:meth:`inputs`), and sends the row to its first child where that is at most the cut: to a later node, or to leaf -1 -
+    child."""
 
     matches: tuple[str, ...]  # names of the matches of the fit; the k-th belongs to fold `fold[k]`
     fold: I32  # [matches] forest that was not fitted to each match; the last forest was fitted to all

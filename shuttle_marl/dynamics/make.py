@@ -100,10 +100,8 @@ def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
 
 
 def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
-    """Bootstrap resample of the matches, by discipline.
-
-    Copies of a match have the same number, so networks that leave it out leave out all copies.
-    """
+    """Bootstrap resample of the matches, by discipline. Copies of a match have the same number, so networks that leave it out
+    leave out all copies."""
     rng = np.random.default_rng(seed)
     matches, first = np.unique(rows.match, return_index=True)
     discipline = rows.codes["discipline"][first]

@@ -1,25 +1,14 @@
-"""Fits of the models from strokes in context, and of what corrects them.
+"""Fits of the models from strokes in context, and of what corrects them; ``docs/models.md`` describes the models.
 
-========  =======================================  ==================================================
-network   inputs                                   prediction
-========  =======================================  ==================================================
-choice    the state                                shot type and technique
-target    the state, shot type, technique          target area
-success   the state and the whole stroke           good, out, or short (net, short of the net, foul)
-return    the state and the whole stroke           the opponent returns a good stroke
-contact   the state and the whole stroke           the opponent meets it above the net
-(hurried) the state and the whole stroke           who meets it is hurried: trees, one model for each contact height
-========  =======================================  ==================================================
-
-**Targets of faults are latent**: target and success networks are fitted by expectation maximisation over the nine areas
-(``docs/models.md``).
+Networks predict shot type and technique (``choice``), the target area given these (``target``), whether a stroke is good, out or
+short: net, short of the net, foul (``success``), whether the opponent returns it (``return``), and meets it above the net
+(``contact``). Targets of faults are latent: target and success networks are fitted by expectation maximisation over the nine
+areas.
 
 **Return and contact are blends**, means of logits: of the network, of small boosted trees, and, for the return, of a ridge
 logistic regression on products of attributes. Adaptive optimisers overfit rare products, because they move them as fast as common
-ones; the ridge shrinks products the more, the rarer they are, and trees group codes of an attribute with similar effects.
-
-**Trees correct the success model.** They do not read the target, so they add the same to the logit of a fault at every target,
-and are fitted to out-of-fold predictions.
+ones; the ridge shrinks products the more, the rarer they are, and trees group codes of an attribute with similar effects. Trees
+correct the success model too: they do not read the target, and are fitted to out-of-fold predictions.
 """
 
 import dataclasses

@@ -118,11 +118,9 @@ def _columns(spec: NetworkSpec) -> tuple[Tensor, Tensor]:
 
 
 class Ensemble(nn.Module):
-    """K networks from ``[N, 15]`` codes of :data:`~shuttle_marl.dynamics.features.SLOTS` to ``[K, N, outputs]`` logits.
-
-    A member is the sum of a linear model on one-hot attributes and their products, and of a perceptron with two hidden layers on
-    these. Weights are looked up and summed for all members at once; the multi-hot input is never materialised.
-    """
+    """K networks from ``[N, 15]`` codes of :data:`~shuttle_marl.dynamics.features.SLOTS` to ``[K, N, outputs]`` logits. A member
+    is the sum of a linear model on one-hot attributes and their products, and of a perceptron with two hidden layers on these.
+    Weights are looked up and summed for all members at once; the multi-hot input is never materialised."""
 
     def __init__(self, spec: NetworkSpec) -> None:
         super().__init__()
@@ -363,11 +361,9 @@ class MHurried(nn.Module):
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Situations:
-    """Effects of earlier strokes of the rally on the log-odds of a fault, and frequencies of the situations.
-
-    A situation is a level of effort and whether the stroke is a net shot in a long duel. The calibrated probabilities of the
-    networks are those at effort 0 outside of long duels.
-    """
+    """Effects of earlier strokes of the rally on the log-odds of a fault, and frequencies of the situations. A situation is a
+    level of effort and whether the stroke is a net shot in a long duel. The calibrated probabilities of the networks are those at
+    effort 0 outside of long duels."""
 
     effort: F64  # [L] offset of each level of effort; the first is 0
     duel: float  # offset of a net shot in a long duel

@@ -1,11 +1,7 @@
 """Fit of the hidden recovery position (:mod:`shuttle_marl.game.recovery`): where people wait, and what that changes.
 
-**People's positions** are counted in nested cells: incoming shot type; own area; incoming area; contact and hurried. Each share
-is shrunk to that of the cell around it. A position is feasible where it has a least share after incoming shot type and own area.
-
-**Effects** follow from where a position lies relative to where strokes of the shot type and area are met. Their coefficients by
-group of shot types are those of ridge-penalised logistic regressions on top of what models that were not fitted to the match
-predict. The features of a stroke are centred on those of people who had played to the same area against the same shot type, so
+``docs/models.md`` describes it. Positions are counted in nested cells: incoming shot type; own area; incoming area; contact and
+hurried. Features of a stroke are centred on those of people who had played to the same area against the same shot type, so that
 the coefficients say what a position changes beyond what people do there. Regressions read the place in which a receiver stood; a
 position of the game is the mean of the places in its cell.
 """

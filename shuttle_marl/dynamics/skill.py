@@ -1,25 +1,9 @@
 """Skill of single players: partially pooled offsets of the average game's log-odds, by Laplace-approximated marginal likelihood.
 
-Each of three components has a mixed logistic regression (:class:`MixedModel`) whose fixed part is the average
-player's prediction for strokes of matches to which it was not fitted:
-
-=========  ====================================  ==============
-component  a positive offset means               strokes
-=========  ====================================  ==============
-success    more faults                           known outcome
-return     the stroke is returned more often     good strokes
-contact    the stroke is met above more often    returned ones
-=========  ====================================  ==============
-
-**Offsets.** A stroke's log-odds add an offset of its striker and one of its receiver. Each is a general offset plus one of the
-group of shots (:data:`GROUPS`). General offsets follow a random walk over the dates of the player's matches (Ingram, J. Quant.
-Anal. Sports 2019, for tennis), so a rating holds as of a day.
-
-**Nuisance effects** are the match, each side of a match (the form of the day), the group of shots in each match, and in each
-annotated data set. Without them, annotators who label differently pass for players who play differently.
-
-The variances are those of maximum marginal likelihood, or those of a prior model. The change in a year is given
-(:data:`YEAR`): an estimated one takes the form of a tournament for a change of skill, and predicts unseen matches worse.
+``docs/pairs.md`` describes the model. A positive offset means more faults (``success``, of strokes of known outcome), that a good
+stroke is returned more often (``return``), or that a returned one is met above the net more often (``contact``). General offsets
+follow a random walk over the dates of the player's matches (Ingram, J. Quant. Anal. Sports 2019, for tennis). The variances are
+those of maximum marginal likelihood, or those of a prior model; the change in a year is given (:data:`YEAR`).
 """
 
 import dataclasses
@@ -363,11 +347,9 @@ def deviations_in(card: Mapping[str, Any]) -> F64 | None:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class _Design:
-    """Effects of all components.
-
-    They are, in this order: general offsets of strikers ``[K]``, of receivers ``[K]``, offsets of strikers in groups ``[P, 6]``,
-    of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in matches ``[M, 6]`` and in data sets ``[S, 6]``.
-    """
+    """Effects of all components. They are, in this order: general offsets of strikers ``[K]``, of receivers ``[K]``, offsets of
+    strikers in groups ``[P, 6]``, of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in matches ``[M, 6]`` and in
+    data sets ``[S, 6]``."""
 
     players: npt.NDArray[np.str_]
     walks: Walks

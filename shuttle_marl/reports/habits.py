@@ -1,15 +1,10 @@
 """Counts of real strokes, and page 1 of a report: the statements that hold beyond chance.
 
-Habits and endings stand beside those of others, options beside the others in one situation.
-
 Differences of the counts of two tallies (:mod:`shuttle_marl.dynamics.habits`) are tested by Fisher's exact test, because many
-answers are rare, and together, with the false discovery rate of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995). An **option**
-is a shot type beside the other ones in the same situation: over several situations the shares of rallies won would compare the
-situations, because a block answers a smash.
-
-A **statement** of page 1 is about habits, endings and places that differ from those of others by more than chance, about the
-first three strokes, or about an option that won more or less than the others in the same situation, also by more than chance.
-Each correction is for all differences of its kind that the report tests.
+answers are rare, and together, with the false discovery rate of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995), for all
+differences of a kind that the report tests. An **option** is a shot type beside the other ones in the same situation: over
+several situations the shares of rallies won would compare the situations, because a block answers a smash. A **statement** of
+page 1 is about habits, endings and places that differ from those of others, about the first three strokes, or about an option.
 """
 
 import dataclasses

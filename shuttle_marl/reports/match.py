@@ -38,11 +38,9 @@ _TURN: Final = 0.1  # smallest change of the probability of winning a rally that
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RallyRow:
-    """A rally of the match; players are 0 and 1.
-
-    ``decided``: number of the stroke before the last one that changed the probability of winning the rally most, from 1, with the
-    player who struck it, its shot type, and the change for that player; None: not known, or less than a tenth.
-    """
+    """A rally of the match; players are 0 and 1. ``decided``: number of the stroke before the last one that changed the
+    probability of winning the rally most, from 1, with the player who struck it, its shot type, and the change for that player;
+    None: not known, or less than a tenth."""
 
     key: tuple[int, int]  # game and number of the rally in the data
     number: int  # of the rally in the match, by its points, from 1
@@ -143,10 +141,8 @@ class ShotValue:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Won:
-    """Rallies won of some: label, player, numbers, and the 90 % interval of the share.
-
-    ``clear``: whether more or less than half were won by more than chance, with a correction for the number of tests.
-    """
+    """Rallies won of some: label, player, numbers, and the 90 % interval of the share. ``clear``: whether more or less than half
+    were won by more than chance, with a correction for the number of tests."""
 
     label: str
     player: int
@@ -337,10 +333,8 @@ def _said(player: int, tallies: Sequence[Tally], waiting: Sequence[Wait]) -> lis
 
 
 def _moments(rallies: Sequence[RallyRow]) -> list[int]:
-    """The rallies with the largest swings, at least half of the largest.
-
-    No more than two are of one game; else the end of a close game would take all places.
-    """
+    """The rallies with the largest swings, at least half of the largest. No more than two are of one game; else the end of a
+    close game would take all places."""
     found: list[int] = []
     for i in sorted((i for i in range(len(rallies)) if not math.isnan(rallies[i].swing)), key=lambda i: -abs(rallies[i].swing)):
         large = not found or 2 * abs(rallies[i].swing) >= abs(rallies[found[0]].swing)

@@ -114,11 +114,9 @@ class Rated:
         return np.where(self.known, found, np.nan)
 
     def question(self, played: int) -> tuple[int, list[int]] | None:
-        """A question about the only state: position of the right answer, and of wrong ones, the stroke played first.
-
-        The right answer is as good as what elite players choose, and clearly better than all others. Of several shot types that
-        are right one is drawn, by the stroke played, so that no rule of thumb knows it.
-        """
+        """A question about the only state: position of the right answer, and of wrong ones, the stroke played first. The right
+        answer is as good as what elite players choose, and clearly better than all others. Of several shot types that are right
+        one is drawn, by the stroke played, so that no rule of thumb knows it."""
         if not self.known[played]:
             return None
 

@@ -86,10 +86,8 @@ class Flights(NamedTuple):
 
 def shoot(start: F64, end: F64, time: F64) -> Flights:
     """Flights from ``start`` ``[N, 3]`` [m] that are at ``end`` after ``time`` ``[N]`` seconds, but for less than a millimetre.
-
-    Newton's method on the logarithm of the launch speed and its angle, from the exact solution without gravity aimed
-    above the target by the drop that drag allows.
-    """
+    Newton's method on the logarithm of the launch speed and its angle, from the exact solution without gravity aimed above the
+    target by the drop that drag allows."""
     offset = end - start
     distance = np.hypot(offset[:, 0], offset[:, 1])
     heading = offset[:, :2] / np.maximum(distance, 1e-9)[:, None]

@@ -207,10 +207,8 @@ def bent(trunk_pose: F64, motion: int, need: F64) -> F64:
 
 
 def pointed(motion: int, need: F64) -> tuple[F64, F64]:
-    """``[N, 3]`` directions of shaft and elbow at contacts ``need`` metres above the natural one of a motion.
-
-    In front of the body, a high shuttle is met with the racket up and the elbow down.
-    """
+    """``[N, 3]`` directions of shaft and elbow at contacts ``need`` metres above the natural one of a motion. In front of the
+    body, a high shuttle is met with the racket up and the elbow down."""
     key = STROKES[motion].keys[CONTACT]
     shaft, elbow = (np.tile(unit(np.array(direction)), (len(need), 1)) for direction in (key.shaft, key.elbow))
     if motion in LUNGES:

@@ -195,9 +195,7 @@ def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int
 @compiled
 def _factor(weight: F64, still: F64, more: float, along: float, across: float, bands: F64) -> None:
     """Cholesky factor of diag(weight) + along · D1' diag(still + more) D1 + across · D2' D2; D1, D2: first, second differences.
-
-    ``bands`` ``[3, F]`` are written: the factor in the row of each frame, two columns before it, one before it, in it.
-    """
+    ``bands`` ``[3, F]`` are written: the factor in the row of each frame, two columns before it, one before it, in it."""
     n = len(weight)
     second, first, diagonal = bands[0], bands[1], bands[2]
     for i in range(n):

@@ -106,10 +106,8 @@ _DATE: Final = re.compile(rf"(?<!\d)(?:{_YEAR}([-./_ ]?)(\d\d)\2(\d\d)|(\d\d?)([
 
 
 def date_of(match: str) -> datetime.date | None:
-    """Date of a match: of a published one as listed, of another that in its name; None without one.
-
-    Forms are ``2025-03-01``, ``20250301``, ``01.03.2025``, and ``31/03/2025`` where the day cannot be a month.
-    """
+    """Date of a match: of a published one as listed, of another that in its name; None without one. Forms are ``2025-03-01``,
+    ``20250301``, ``01.03.2025``, and ``31/03/2025`` where the day cannot be a month."""
     if match in _dates():
         return _dates()[match]
     for found in _DATE.finditer(match):
