@@ -112,7 +112,6 @@ class Friends:
         return game.keys[-1]
 
     def _choose(self, game: _Game, seat: int, choice: int) -> None:
-        """Take the choice of a seat, and play the stroke if it was the last one that was awaited."""
         rally, stepper = game.rally, stepper_of(self._policies.game)
         state, striker = rally.turn, 1 - rally.chooser if rally.receives else rally.chooser
         if state is None:

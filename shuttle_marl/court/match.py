@@ -198,17 +198,13 @@ def play_rally(
     begun: tuple[Rally, int] | None = None,
     waited: Mapping[int, int] | None = None,
 ) -> CourtRally:
-    """Play a rally to its end, or to the turn of a person.
+    """Play a rally to its end, or to the turn of a person. Raises WatchError: a chosen stroke or position is not legal.
 
     Args:
         key: ``[1]`` key of the random numbers.
         about: number of the rally, names of the players, score before the rally.
-        chosen: catalogue index of the strokes that no policy chooses, by their number.
+        chosen, waited: catalogue indices of strokes, and positions of receivers, that no policy chooses, by number of the stroke.
         begun: a rally, and the number of its strokes that are kept.
-        waited: positions of the receivers that no policy places, by the number of the stroke.
-
-    Raises:
-        WatchError: a chosen stroke is not legal, or a position not feasible.
     """
     number, names, score = about
     stepper = stepper_of(game)

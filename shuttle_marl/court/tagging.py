@@ -156,7 +156,6 @@ def _hash(inputs: Sequence[str]) -> str:
 
 
 def _line(row: TagRow) -> str:
-    """A row of the table, with names for codes."""
     text, fields = io.StringIO(), msgspec.structs.asdict(row).items()
     values = (NAMES[name][value] if name in NAMES and isinstance(value, int) else value for name, value in fields)
     csv.writer(text, lineterminator="").writerow("" if value is None else value for value in values)

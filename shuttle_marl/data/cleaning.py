@@ -74,7 +74,6 @@ def clean_matches(root: Path) -> Cleaned:
 
 
 def _clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
-    """The remaining strokes of one game, and the number of dropped rows by reason."""
     raw, repeated = _arrange(raw)
     first = _first_strokes(raw)
     raw = _with_corrected_letters(raw, first)
@@ -158,10 +157,8 @@ def _broken_rallies(raw: RawGame, first: Bools) -> Bools:
 def _sides(raw: RawGame, first: Bools) -> tuple[I64, Bools]:
     """``[n]`` sign of the striker's half by majority vote within the rally, 0 without evidence; and rows that contradict it.
 
-    Ends change between games and in the middle of a third game, so the side is inferred per rally, from the positions of both
-    players, contact points and landing points (unless the shuttle fell short). Rows of unknown shot type contain placeholders
-    and are not used.
-    """
+    Ends change within a match, so positions, contacts and landings (unless the shuttle fell short) vote in each rally; rows of
+    unknown shot type contain placeholders and do not."""
     rally = np.cumsum(first) - 1
     own = [np.sign(raw[name][:, 1]) for name in ("player_location", "hit")]
     other = [-np.sign(raw["opponent_location"][:, 1])]

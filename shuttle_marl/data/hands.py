@@ -161,6 +161,5 @@ def area_inferred(strokes: pa.Table) -> Bools:
 
 
 def _encoded(strokes: pa.Table, name: str) -> tuple[I64, list[Any]]:
-    """``[n]`` numbers of the values of a column, and the values."""
     encoded = strokes[name].combine_chunks().dictionary_encode()
     return encoded.indices.to_numpy().astype(np.int64), encoded.dictionary.to_pylist()

@@ -239,7 +239,6 @@ def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64],
 
 
 def _compare_scores(sheet: Sheet, strokes: Mapping[str, Any], fresh: Bools, first: Bools) -> None:
-    """Compare the scores of a rally with each other, with that of the rally before, and with who won."""
     player, opponent, rally, outcome = (strokes[name] for name in ("player", "opponent", "rally", "outcome"))
     points = np.stack([strokes["points"], strokes["points_opponent"]], axis=1)
     ends = np.flatnonzero(np.r_[first[1:], True])
@@ -265,7 +264,6 @@ def _compare_scores(sheet: Sheet, strokes: Mapping[str, Any], fresh: Bools, firs
 
 
 def _compare_points(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64], first: Bools) -> None:
-    """Compare points with each other, and landings with the endings."""
     outcome, reason, landing, contact = strokes["outcome"], strokes["reason"], points["landing"], points["contact"]
     met = np.r_[[[np.nan] * 2], -landing[:-1]]  # seen by the player who met the shuttle there
     met[first] = np.nan

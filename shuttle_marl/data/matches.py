@@ -138,7 +138,6 @@ def rules_of(strokes: pa.Table) -> dict[str, Rules]:
 
 
 def _carried(strokes: pa.Table) -> dict[str, RulesName]:
-    """Rules of the matches of which some row names them."""
     both = zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True)
     return {match: name for match, name in both if name}
 

@@ -235,7 +235,6 @@ def _winners(rallies: Rallies) -> I64:
 
 
 def _servers(rallies: Rallies) -> Array:
-    """``[R]`` the server of each rally."""
     return np.where(rallies.stroke % 2 == 1, rallies.player, rallies.opponent)[rallies.first]
 
 
@@ -493,7 +492,6 @@ def _seen_by_left_handers(strokes: pa.Table) -> pa.Table:
 
 
 def _strokes_of(sheet: Sheet, rallies: Rallies) -> pa.Table:
-    """The strokes of known types of the rallies without unreadable rows."""
     shot, point = rallies.shot, _points(sheet)
     technique, height = sheet.words("technique"), sheet.words("height")
     landed = _areas(sheet, point["landing"])
@@ -560,7 +558,6 @@ def _areas(sheet: Sheet, landing: F64) -> I64:
 
 
 def _inferred(strokes: pa.Table) -> list[str]:
-    """Sentences on what was inferred, with the numbers of kept strokes."""
     words = strokes["inferred"].fill_null("").to_pylist()
     counts = {text: sum(name in word.split() for word in words) for name, text in INFERRED.items()}
     return [f"{text}: {n:,} of {strokes.num_rows:,} strokes" for text, n in counts.items() if n]

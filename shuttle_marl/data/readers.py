@@ -157,7 +157,6 @@ def _line(element: ET.Element) -> int:
 
 
 def _parsed(path: Path, content: bytes) -> ET.Element:
-    """The root of an XML file, in bounded time and memory."""
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     depth = elements = 0
 

@@ -237,7 +237,6 @@ def _height(sheet: Sheet, name: str) -> I8:
 
 
 def _seconds_of(text: str) -> int | None:
-    """Time of ``h:mm:ss`` [s]; None for other text."""
     clock = _CLOCK.fullmatch(text)
     return None if clock is None else 3600 * int(clock[1]) + 60 * int(clock[2]) + int(clock[3])
 
@@ -258,7 +257,6 @@ def _project(sheet: Sheet, name: str, homography: F64) -> F64:
 
 
 def _check_points(sheet: Sheet, point: dict[str, F64]) -> None:
-    """Mark points far off the court and set them missing."""
     limits = np.array([3.05, 6.70]) + FAR_OFF
     for name, metres in point.items():
         for row in np.flatnonzero((np.abs(metres) > limits).any(axis=1)):

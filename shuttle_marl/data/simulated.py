@@ -126,7 +126,6 @@ def _fall_short(landing: F64, start: F64, reason: I64, rng: np.random.Generator)
 
 
 def _positions(strokes: SimulatedStrokes, contact: F64, flight: F64, rng: np.random.Generator) -> tuple[F64, F64]:
-    """``[n, 2]`` positions of striker and receiver at the hit."""
     n = len(flight)
     striker, receiver = np.empty((n, 2)), np.empty((n, 2))
     serves = np.flatnonzero(strokes.stroke == 1)

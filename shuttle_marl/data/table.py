@@ -135,7 +135,6 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
 
 
 def _read(path: Path) -> tuple[pa.Table, Account | None]:
-    """A stroke table and its account, which those of other programs do not have."""
     content = _content(path)
     strokes, told = _conforming(path, content), (content.schema.metadata or {}).get(_ACCOUNT)
     try:

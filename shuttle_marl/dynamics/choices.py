@@ -192,12 +192,9 @@ def fit_history(
 
 
 def _choices(name: str, network: Ensemble, rows: Rows, folds: int | None) -> tuple[F64, I64, I64]:
-    """Choices after known strokes.
-
-    Returns:
-        ``[N, C]`` probabilities of the average player (out-of-fold, unless ``folds`` is None), ``[N]`` label, and ``[8, N]`` the
-        attributes of the earlier strokes, each of lag 3 and 4, and the stages. Areas are named as a game does.
-    """
+    """``[N, C]`` probabilities of the average player (out-of-fold, unless ``folds`` is None), ``[N]`` label, and ``[8, N]``
+    attributes of the earlier strokes, each of lag 3 and 4, and stages, for choices after known strokes. Areas are named as a game
+    does."""
     which = labelled(name, rows)
     values, rows = _remembered(rows)[:, which], rows.take(which)
     members = softmax(network.logits(rows.codes))

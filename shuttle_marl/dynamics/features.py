@@ -341,12 +341,8 @@ def _ranks(ordered: F64, values: F64) -> F64:
 
 
 def _counts(key: Ints, number: I16, shot: Ints) -> tuple[I16, I16, I16]:
-    """``[N]`` each: previous attacks of the striker, of the receiver, and consecutive net shots before each stroke.
-
-    Args:
-        key: ``[K, N]`` match, game and rally of each stroke; the strokes of a rally are consecutive, in playing order.
-        number: ``[N]`` number of the stroke in its rally, from 1.
-    """
+    """``[N]`` each: previous attacks of the striker, of the receiver, and consecutive net shots before each stroke; ``key``:
+    ``[K, N]`` match, game and rally of each stroke, in playing order; ``number``: ``[N]`` its number in the rally, from 1."""
     own, other, run = (np.zeros(len(number), dtype=np.int16) for _ in range(3))
     is_first = np.r_[True, (np.diff(key, axis=1) != 0).any(axis=0)]
     attack, net = ATTACK[shot], NET_SHOT[shot]
@@ -367,13 +363,9 @@ def _counts(key: Ints, number: I16, shot: Ints) -> tuple[I16, I16, I16]:
 
 
 def _lagged(key: Ints, number: I16, lag: int) -> tuple[I64, Bools]:
-    """``[N]`` row ``lag`` rows before each row, -1 outside the table, and whether it is the stroke so much earlier in the rally.
-
-    Args:
-        key: ``[3, N]`` match, game and rally of each stroke.
-        number: ``[N]`` number of the stroke in its rally.
-        lag: rows; negative for later ones.
-    """
+    """``[N]`` row ``lag`` rows before (negative: after) each row, -1 outside the table, and whether it is the stroke so much
+    earlier in the rally; ``key``: ``[3, N]`` match, game and rally of each stroke; ``number``: ``[N]`` its number in the
+    rally."""
     row = np.arange(len(number)) - lag
     row = np.where((row >= 0) & (row < len(number)), row, -1)
     return row, np.asarray((row >= 0) & (key[:, row] == key).all(axis=0) & (number - number[row] == lag))

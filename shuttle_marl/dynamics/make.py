@@ -239,7 +239,6 @@ def _refit(number: int, *, train: Rows, layout: Game, seed: int, config: Ensembl
 
 
 def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, Any]:
-    """Share of hurried strikers, whether positions are known, and what marked them: the table, the index, that of the prior."""
     rally = train.stroke > 1
     known = train.hurried[rally] >= 0
     by = None if not known.any() else "table" if hurry is None else "index" if prior is None else "prior"

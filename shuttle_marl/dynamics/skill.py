@@ -347,9 +347,9 @@ def deviations_in(card: Mapping[str, Any]) -> F64 | None:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class _Design:
-    """Effects of all components. They are, in this order: general offsets of strikers ``[K]``, of receivers ``[K]``, offsets of
-    strikers in groups ``[P, 6]``, of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in matches ``[M, 6]`` and in
-    data sets ``[S, 6]``."""
+    """Effects of all components, in this order: general offsets of strikers ``[K]``, of receivers ``[K]``, offsets of strikers in
+    groups ``[P, 6]``, of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in matches ``[M, 6]`` and data sets
+    ``[S, 6]``."""
 
     players: npt.NDArray[np.str_]
     walks: Walks

@@ -146,7 +146,6 @@ def label(name: str, longest: int = _LONGEST_NAME) -> str:
 
 
 def _shades(*colours: str) -> Callable[[float], str]:
-    """Colours from 0 to 1, mixed of some."""
     from matplotlib.colors import LinearSegmentedColormap, to_hex  # noqa: PLC0415  slow to import
 
     mixed = LinearSegmentedColormap.from_list("shades", colours)

@@ -323,7 +323,6 @@ def _only_match(strokes: pa.Table) -> tuple[str, tuple[str, str]]:
 
 
 def _said(player: int, tallies: Sequence[Tally], waiting: Sequence[Wait]) -> list[counts.Statement]:
-    """What a player did more than the other one, and how both began rallies."""
     own, other = tallies[player], tallies[1 - player]
     more, ends = (
         [each for each in found if each.share > each.usual]
@@ -406,19 +405,12 @@ def _costly(
     results: Sequence[counts.Results],
     before: Sequence[counts.Advised],
 ) -> list[Choice]:
-    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind.
+    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind, none against the results of
+    the match or other advice (``before``). The better stroke has the technique of the stroke played, which follows from where the
+    striker stands; strokes late in a rally are left out, because the game knows no fatigue.
 
-    None is against the results of the match, or against other advice of the report.
-
-    The better stroke has the technique of the stroke played, which follows from where the striker stands. Strokes late in a rally
-    are left out: the game knows no fatigue.
-
-    Args:
-        seat, rally: ``[N]`` striker and rally of each stroke of the match.
-        stakes: ``[2, rallies]`` what each rally is worth to each player, by which costs are ordered; 0: not costly.
-        results: rallies that each player won.
-        before: other advice.
-    """
+    ``seat``, ``rally``: ``[N]`` striker and rally of each stroke; ``stakes``: ``[2, rallies]`` what each rally is worth to each
+    player, by which costs are ordered, 0: not costly; ``results``: rallies that each player won."""
     # Where a fault was aimed at is not recorded.
     row = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
     state, number = found.state[row], found.rows.stroke[row]

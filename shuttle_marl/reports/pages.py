@@ -243,6 +243,5 @@ def _listed(habit: Habit) -> bool:
 
 
 def _answers(report: ScoutingReport, kinds: Sequence[str]) -> list[Habit]:
-    """All answers to some questions that are not very rare."""
     asked = [habit for habit in report.habits if habit.kind in kinds and _listed(habit)]
     return sorted(asked, key=lambda habit: (kinds.index(habit.kind), habit.about, -habit.share))

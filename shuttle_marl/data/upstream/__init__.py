@@ -57,7 +57,6 @@ def _text(name: str) -> str:
 
 @functools.cache
 def _by_key(name: str) -> dict[str, str]:
-    """The groups of a JSON file: the name of the group by each of its names."""
     return {key: group for group, keys in json.loads(_text(name)).items() for key in keys}
 
 
