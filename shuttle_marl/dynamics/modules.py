@@ -336,12 +336,9 @@ class MRet(MContact):
 
 
 class MHurried(nn.Module):
-    """The probability that who returns a stroke is hurried, by the height at which they meet it.
-
-    Args:
-        trees: by name (:data:`~shuttle_marl.dynamics.modules.HURRIED`); a height without trees has probability 0.
-        lines: ``[2, 2]`` slope and intercept of the calibrated log-odds, by height.
-    """
+    """The probability that who returns a stroke is hurried, by the height at which they meet it; ``trees``: by name
+    (:data:`~shuttle_marl.dynamics.modules.HURRIED`); a height without trees has probability 0; ``lines``: ``[2, 2]`` slope and
+    intercept of the calibrated log-odds, by height."""
 
     lines: Tensor
 
@@ -403,14 +400,9 @@ class Situations:
         return total
 
     def moved_to(self, mean: F64, logit: F64, weights: F64, share: F64) -> F64:
-        """``[N, B]`` logits, those of a row moved by the same amount, so that the mean probability is a given one.
-
-        Args:
-            mean: ``[N]`` probabilities between 0 and 1.
-            logit: ``[N, B]`` at effort 0 outside of long duels, in B cases.
-            weights: ``[N, 2 L]`` probability of each situation.
-            share: ``[N, B]`` probability of each case.
-        """
+        """``[N, B]`` logits, those of a row moved by the same amount, so that the mean probability is a given one; ``mean``:
+        ``[N]`` probabilities between 0 and 1; ``logit``: ``[N, B]`` at effort 0 outside of long duels, in B cases; ``weights``:
+        ``[N, 2 L]`` probability of each situation; ``share``: ``[N, B]`` probability of each case."""
         target = np.log(mean) - np.log1p(-mean)
         # The slope of the mean's log-odds is close to 1, so the fixed-point iteration converges fast.
         for _ in range(20):

@@ -120,12 +120,9 @@ def load_recovery(folder: Path) -> FittedRecovery | None:
 
 
 def fit_recovery(rows: Rows, predicted: Mapping[str, Predicted]) -> FittedRecovery | None:
-    """Fit people's positions and their effects; None with fewer than :data:`MIN_ROWS` known positions.
-
-    Args:
-        rows: strokes of all matches of the fit.
-        predicted: those with a judged outcome, by model; see :attr:`shuttle_marl.dynamics.fit.Fit.predicted`.
-    """
+    """Fit people's positions and their effects; None with fewer than :data:`MIN_ROWS` known positions; ``rows``: strokes of all
+    matches of the fit; ``predicted``: those with a judged outcome, by model; see
+    :attr:`shuttle_marl.dynamics.fit.Fit.predicted`."""
     if placed(rows).sum() < MIN_ROWS:
         return None
     court = Court.of(rows)

@@ -188,12 +188,9 @@ def of_hand(area: int, hand: str | None) -> int:
 def curves(
     lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: str, *, logarithmic: bool = False
 ) -> Markup | None:
-    """Curves by name, with a legend; None without any point.
-
-    Args:
-        lines: points of each, from left to right; an empty one is not drawn, and keeps its colour for other charts.
-        logarithmic: whether the vertical axis is; points that are not above 0 are left out then.
-    """
+    """Curves by name, with a legend; None without any point; ``lines``: points of each, from left to right; an empty one is not
+    drawn, and keeps its colour for other charts; ``logarithmic``: whether the vertical axis is; points that are not above 0 are
+    left out then."""
     from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415  slow to import
 
     shown = {name: [(x, y) for x, y in points if y > 0 or not logarithmic] for name, points in lines.items()}
@@ -224,14 +221,8 @@ def _words() -> "Words":
 
 @_styled()
 def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
-    """Where strokes land.
-
-    Args:
-        shares, reference: ``[9]`` shares of the target areas, and what they are compared with; areas as a right-handed receiver
-            sees them.
-        hand: of the receiver; None: unknown.
-        clear: areas with a frame.
-    """
+    """Where strokes land; ``shares``, ``reference``: ``[9]`` shares of the target areas, and what they are compared with; areas
+    as a right-handed receiver sees them; ``hand``: of the receiver; None: unknown; ``clear``: areas with a frame."""
     chart, say = Chart(330.0, 330.0), _words()
     axes, colours, difference = chart.axes, _shades(_LESS, _ALIKE, _MORE), 100 * (shares - reference)
     draw_court(axes)
@@ -274,13 +265,9 @@ def waits(rows: Sequence["Wait | Stand"], title: str, hand: str | None) -> Marku
 
 @_styled()
 def drill(met: int, target: int, hands: tuple[str | None, str | None], title: str) -> Markup:
-    """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer.
-
-    Args:
-        met: area of the player's half, as a right-handed player sees it; -1: the player serves.
-        target: area of the other half, as a right-handed receiver sees it.
-        hands: of the player and of the receiver; None: unknown.
-    """
+    """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer; ``met``: area
+    of the player's half, as a right-handed player sees it; -1: the player serves; ``target``: area of the other half, as a
+    right-handed receiver sees it; ``hands``: of the player and of the receiver; None: unknown."""
     met, target = of_hand(met, hands[0]), of_hand(target, hands[1])
     chart = Chart(220.0, 420.0)
     axes = chart.axes

@@ -37,14 +37,9 @@ LEAST_REFITS: Final = 5  # number of refits below which nothing is advised and n
 
 
 class Value:
-    """Values of strokes for one player.
-
-    Args:
-        game: tables with which the player strikes.
-        values: ``[S]`` each: value to a player, of -1 to 1, of the states in which player 0 strikes and in which player 1 does.
-        seat: of the striker.
-        opponent: policy by which the receiver waits in the game with recovery; None: as people do.
-    """
+    """Values of strokes for one player; ``game``: tables with which the player strikes; ``values``: ``[S]`` each: value to a
+    player, of -1 to 1, of the states in which player 0 strikes and in which player 1 does; ``seat``: of the striker;
+    ``opponent``: policy by which the receiver waits in the game with recovery; None: as people do."""
 
     def __init__(self, game: Game, values: tuple[F64, F64], seat: int = 0, opponent: StatePolicy | None = None) -> None:
         self._tables = game if opponent is None else met_by(game, opponent)

@@ -96,13 +96,9 @@ def standing(plants: Plants, ball: F64, frame: int) -> tuple[Stand, Plants]:
 
 
 def steps(stands: list[Stand], hips: F64, yaw: F64, reach: F64, fps: int, known: Plants | None = None) -> Plants:
-    """Plan when and where each foot is planted.
-
-    Args:
-        hips, yaw: ``[F, 2]`` the hips over the floor [m], and ``[F]`` their heading [rad].
-        reach: ``[F]`` largest distance of a foot from the hips [m].
-        known: unchanged plants; the first stand is their end.
-    """
+    """Plan when and where each foot is planted; ``hips``, ``yaw``: ``[F, 2]`` the hips over the floor [m], and ``[F]`` their
+    heading [rad]; ``reach``: ``[F]`` largest distance of a foot from the hips [m]; ``known``: unchanged plants; the first stand
+    is their end."""
     feet: Plants = ([], []) if known is None else (known[LEFT][-1:], known[RIGHT][-1:])
     landing = [0, 0] if known is None else [-1, -1]
     sure = (-1, -1) if known is None else (known[LEFT][-1].end, known[RIGHT][-1].end)
