@@ -531,8 +531,10 @@ class Saved(Struct):
 
 
 class Suggestion(Struct):
-    """A shot type with its probability, the ways of playing it, the usual one first, and the probabilities of its targets. A way
-    is twice the technique plus the height; targets are areas as a right-handed receiver sees them, given the shot."""
+    """A shot type with its probability, the ways of playing it, the usual one first, and the probabilities of its targets.
+
+    A way is twice the technique plus the height; targets are areas as a right-handed receiver sees them, given the shot.
+    """
 
     shot: int
     probability: float
