@@ -77,8 +77,8 @@ def application(
     proxies: tuple[str, ...] = (),
 ) -> ASGIApp:
     """The ASGI application; ``video``: that which is tagged, ``language``: of a page whose reader has chosen none; ``hosts``:
-    allowed values of the Host header; ``*`` allows every IP address; ``proxies``: further ones, whose pages may connect whatever
-    Host header the proxy sends."""
+    allowed values of the Host header (``*``: every IP address); ``proxies``: further ones, whose pages may connect whatever Host
+    header the proxy sends."""
 
     async def index(_: Request) -> Response:
         content = in_language((page / "index.html").read_bytes(), language)
@@ -162,9 +162,11 @@ def _with_headers(send: Send) -> Send:
 
 
 def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...], proxies: tuple[str, ...] = ()) -> str | None:
-    """Reason to refuse a request; None if it is allowed; ``origins``: its Origin headers; browsers send one, which must be the
-    host itself, or a proxy; ``allowed``: allowed host names in lower case; ``*`` allows every IP address, which DNS rebinding
-    cannot forge; ``proxies``: further allowed host names in lower case."""
+    """Reason to refuse a request; None if it is allowed.
+
+    ``origins``: its Origin headers (browsers send one), which must be the host itself, or a proxy; ``allowed``: allowed host
+    names in lower case (``*``: every IP address, which DNS rebinding cannot forge); ``proxies``: further ones.
+    """
     host = _split(f"//{hosts[0]}").hostname if len(hosts) == 1 else None
     if host is None or not (host in (*allowed, *proxies) or ("*" in allowed and _is_address(host))):
         name = printable(", ".join(hosts))[:100] or "of no name"

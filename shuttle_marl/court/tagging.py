@@ -34,9 +34,9 @@ _MOST_STATES: Final = 16  # states of the game that are followed through a rally
 
 class TagFile:
     """The tagged strokes of a video: a table, with the journal of the inputs beside it; ``out``: the table, a CSV file; continued
-    if its journal exists; ``rules``: of the match; None: those of the journal, or else of the sport. Raises WatchError: the video
-    does not exist, or the match was begun by other rules; or the table exists without a journal, is no longer the one that was
-    saved, or is of another film. Raises RunError: the journal is damaged, or another process writes the table."""
+    if its journal exists; ``rules``: of the match (None: those of the journal, or else of the sport). Raises WatchError: the
+    video does not exist, or the match was begun by other rules; or the table exists without a journal, is no longer the one that
+    was saved, or is of another film. Raises RunError: the journal is damaged, or another process writes the table."""
 
     def __init__(self, video: Path, out: Path, rules: RulesName | None = None) -> None:
         if not video.is_file():

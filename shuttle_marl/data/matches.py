@@ -200,8 +200,8 @@ def _fit(ends: Mapping[int, RealRally], rules: Rules) -> tuple[int, int, int]:
 
 
 def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, tuple[str, ...]]:
-    """The table with the rules of its matches, and sentences on what is not certain of them; ``rules``: of all matches; None:
-    those that the table carries, in any row of a match, or else the scores tell. Raises DataError: a score is impossible by the
+    """The table with the rules of its matches, and sentences on what is not certain of them; ``rules``: of all matches (None:
+    those that the table carries, in any row of a match, or else the scores tell). Raises DataError: a score is impossible by the
     rules that are given."""
     ends = _ends(strokes)
     given = dict.fromkeys(ends, rules) if rules else _carried(strokes)
@@ -252,8 +252,8 @@ def _letters(text: str) -> str:
 
 
 def nearest_stroke(game: Game, state: int, shot: int, technique: int, area: int | None, receiver: str = "right") -> int:
-    """The legal stroke nearest to an annotated one: by shot type, then technique, then area; ``area``: as the receiver sees it;
-    None: not known; ``receiver``: hand of the receiver."""
+    """The legal stroke nearest to an annotated one: by shot type, then technique, then area; ``area``: as the receiver sees it
+    (None: not known); ``receiver``: hand of the receiver."""
     legal, catalogue = game.legal_strokes(state), game.catalogue
     distance = 1000.0 * (catalogue.shot[legal] != shot) + 10.0 * (catalogue.technique[legal] != technique)
     if area is not None:

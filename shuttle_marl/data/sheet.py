@@ -192,8 +192,8 @@ class Sheet:
 
 
 def read_csv(path: Path, required: Collection[str] = (), *, delimiter: str | None = ",", decimal: str = ".") -> Sheet:
-    """Read a CSV file in UTF-8 with a header; ``required``: headers of the columns to read; ``delimiter``: of values; None: the
-    most frequent one of the header."""
+    """Read a CSV file in UTF-8 with a header; ``required``: headers of the columns to read; ``delimiter``: of values (None: the
+    most frequent one of the header)."""
     content = read_content(path)
     text = io.StringIO(unicodedata.normalize("NFC", _decode(path, content)), newline="")
     if stated := _SEPARATOR.match(text.getvalue()):

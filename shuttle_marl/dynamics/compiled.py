@@ -271,7 +271,7 @@ def empty_game(catalogue: Catalogue, replies: Bools) -> Game:
 def pair_probabilities(models: FittedModels, game: Game, support: Support, calm: Ints | None = None) -> PairProbabilities:
     """Evaluate the models on base pairs, in double precision, clipped to the supported range; ``game``: the layout; its
     thresholds are ignored; ``calm``: numbers of base pairs whose strikers are not hurried: those are evaluated and, in the second
-    half of the result, those of hurried strikers that are equal otherwise; None: all base pairs, in their order."""
+    half of the result, those of hurried strikers that are equal otherwise (None: all base pairs, in their order)."""
     first = np.flatnonzero(game.hurried(game.base_pair_state) == 0) if calm is None else calm
     # Pairs of a striker who is not hurried, and those of a hurried one that are equal otherwise.
     late = game.base_pair_start[game.base_pair_state[first] + _HURRIED] + game.base_pair_rank[first]

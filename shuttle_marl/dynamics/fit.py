@@ -109,8 +109,8 @@ def fit(
     layout: Game | None = None,
     report: Report,
 ) -> Fit:
-    """Fit all models; ``validation``: strokes in context of other matches, on which the strength of pooling is chosen; None: fit
-    the average player only; ``layout``: game whose layout is used; None: that of the strokes of train. Raises ShuttleError: a
+    """Fit all models; ``validation``: strokes in context of other matches, on which the strength of pooling is chosen (None: fit
+    the average player only); ``layout``: game whose layout is used (None: that of the strokes of train). Raises ShuttleError: a
     split without strokes."""
     if not len(train) or (validation is not None and not len(validation)):
         raise ShuttleError("the fit needs strokes of train and of validation matches; is the data complete?")

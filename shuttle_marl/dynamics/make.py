@@ -57,7 +57,7 @@ def rows_of(rows: Rows, split: Split) -> Rows:
 
 def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
     """Split rows by match into training and validation; ``share``: fraction of the unpublished matches for validation, at least
-    one and not all, in the order of the SHA-256 of their names; None: all matches are published ones, whose split is fixed.
+    one and not all, in the order of the SHA-256 of their names (None: all matches are published ones, whose split is fixed).
     Raises ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split."""
     names = [rows.matches[i] for i in np.unique(rows.match)]
     own = sorted((name for name in names if split_of(name) is None), key=lambda name: content_hash(name.encode()))

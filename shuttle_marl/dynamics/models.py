@@ -328,8 +328,8 @@ def fit_trees(
     rate: float = PARAMETERS["learning_rate"],
     offset: F64 | None = None,
 ) -> modules.Trees:
-    """Fit trees that predict a binary label; ``offset``: ``[N]`` logits to which those of the trees are added; None: no
-    offset."""
+    """Fit trees that predict a binary label; ``offset``: ``[N]`` logits to which those of the trees are added (None: no
+    offset)."""
     lgb = lightgbm()
     x = modules.attributes(codes).numpy()
     data = lgb.Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(modules.INPUTS))))

@@ -235,8 +235,8 @@ def shifts(skill: Skill, component: str, rows: Rows) -> F64:
 
 def fit_skill(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64 | None = None) -> FittedSkill:
     """Fit the offsets of all players; ``predicted``: strokes by component, all from one table of matches; ``sources``: data set
-    of each match by name; ``sd``: ``[3, 9]`` standard deviations of the components, such as those of a prior model; None:
-    estimate them."""
+    of each match by name; ``sd``: ``[3, 9]`` standard deviations of the components, such as those of a prior model (None:
+    estimate them)."""
     design = _Design.of(predicted, sources)
     # Another order of summation would give other offsets.
     with threadpool_limits(1):

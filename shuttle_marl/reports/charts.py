@@ -222,7 +222,7 @@ def _words() -> "Words":
 @_styled()
 def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
     """Where strokes land; ``shares``, ``reference``: ``[9]`` shares of the target areas, and what they are compared with; areas
-    as a right-handed receiver sees them; ``hand``: of the receiver; None: unknown; ``clear``: areas with a frame."""
+    as a right-handed receiver sees them; ``hand``: of the receiver (None: unknown); ``clear``: areas with a frame."""
     chart, say = Chart(330.0, 330.0), _words()
     axes, colours, difference = chart.axes, _shades(_LESS, _ALIKE, _MORE), 100 * (shares - reference)
     draw_court(axes)
@@ -244,7 +244,7 @@ def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequ
 @_styled()
 def waits(rows: Sequence["Wait | Stand"], title: str, hand: str | None) -> Markup:
     """Half courts with the shares of the nine positions, the net at the top, as the player who waits there sees them; ``rows``: a
-    court for each; ``hand``: of the player; None: unknown."""
+    court for each; ``hand``: of the player (None: unknown)."""
     chart, colours, step = Chart(_NARROW, 235.0), _shades(_ALIKE, _MORE), 2 * HALF_WIDTH + 0.7
     axes = chart.axes
     axes.set_aspect("equal")
@@ -266,8 +266,8 @@ def waits(rows: Sequence["Wait | Stand"], title: str, hand: str | None) -> Marku
 @_styled()
 def drill(met: int, target: int, hands: tuple[str | None, str | None], title: str) -> Markup:
     """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer; ``met``: area
-    of the player's half, as a right-handed player sees it; -1: the player serves; ``target``: area of the other half, as a
-    right-handed receiver sees it; ``hands``: of the player and of the receiver; None: unknown."""
+    of the player's half, as a right-handed player sees it (-1: the player serves); ``target``: area of the other half, as a
+    right-handed receiver sees it; ``hands``: of the player and of the receiver (None: unknown)."""
     met, target = of_hand(met, hands[0]), of_hand(target, hands[1])
     chart = Chart(220.0, 420.0)
     axes = chart.axes

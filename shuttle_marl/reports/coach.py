@@ -67,7 +67,7 @@ def of_strokes(
     path: Path, game: Game, match: str | None = None, columns: Path | None = None, rules: RulesName | None = None
 ) -> tuple[MatchReport, Source]:
     """The report of an annotated match; ``path``: a stroke table, a folder with the raw files, or a CSV file; ``game``: in which
-    strokes are valued; ``match``: name of the match, or a part that only its name has; None: the only match. Raises DataError:
+    strokes are valued; ``match``: name of the match, or a part that only its name has (None: the only match). Raises DataError:
     the file cannot be read. Raises AnalysisError: no such match, or several."""
     strokes = read_matches(path, columns, rules)
     report = match_report(match_strokes(strokes, match), game=game)

@@ -188,7 +188,7 @@ class Option(NamedTuple):
 
 def is_short(shot: Ints | int, area: Ints | int) -> Bools:
     """Whether strokes are clears or lifts that land short of the rear court, where no player aims; ``shot``: index of the shot
-    type, any shape; ``area``: index of the area; -1: any area, which is not short."""
+    type, any shape; ``area``: index of the area (-1: any area, which is not short)."""
     return np.isin(shot, _HIGH) & (np.asarray(area) >= 0) & (third_of(np.asarray(area)) < BACK)
 
 

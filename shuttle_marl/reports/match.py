@@ -39,8 +39,8 @@ _TURN: Final = 0.1  # smallest change of the probability of winning a rally that
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RallyRow:
     """A rally of the match; players are 0 and 1. ``decided``: number of the stroke before the last one that changed the
-    probability of winning the rally most, from 1, with the player who struck it, its shot type, and the change for that player;
-    None: not known, or less than a tenth."""
+    probability of winning the rally most, from 1, with the player who struck it, its shot type, and the change for that player
+    (None: not known, or less than a tenth)."""
 
     key: tuple[int, int]  # game and number of the rally in the data
     number: int  # of the rally in the match, by its points, from 1

@@ -112,7 +112,7 @@ _RUN = 3  # points in a row that are mentioned
 
 
 def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips = NO_CLIPS) -> bytes:
-    """The match report as the content of a file; ``source``: file of the match, for what its data lack; None: without that;
+    """The match report as the content of a file; ``source``: file of the match, for what its data lack (None: without that);
     ``clips``: its rallies."""
     match, named = report.match, report.players
     if source is not None and isinstance(source.match, tuple) and match:

@@ -265,8 +265,8 @@ class Rating:
         return self.points - 1.96 * self.deviation, self.points + 1.96 * self.deviation
 
     def after(self, scores: Sequence[float], opponents: Sequence["Rating"] | None = None) -> "Rating":
-        """The rating after a rating period; ``scores``: of its games, from 0 (lost) to 1 (won); ``opponents``: of each game;
-        None: :data:`PAR`."""
+        """The rating after a rating period; ``scores``: of its games, from 0 (lost) to 1 (won); ``opponents``: of each game
+        (None: :data:`PAR`)."""
         if not all(0 <= score <= 1 for score in scores):
             raise ShuttleError(f"scores {list(scores)}: expected numbers from 0 to 1")
         met = [PAR] * len(scores) if opponents is None else opponents

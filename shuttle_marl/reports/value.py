@@ -39,7 +39,7 @@ LEAST_REFITS: Final = 5  # number of refits below which nothing is advised and n
 class Value:
     """Values of strokes for one player; ``game``: tables with which the player strikes; ``values``: ``[S]`` each: value to a
     player, of -1 to 1, of the states in which player 0 strikes and in which player 1 does; ``seat``: of the striker;
-    ``opponent``: policy by which the receiver waits in the game with recovery; None: as people do."""
+    ``opponent``: policy by which the receiver waits in the game with recovery (None: as people do)."""
 
     def __init__(self, game: Game, values: tuple[F64, F64], seat: int = 0, opponent: StatePolicy | None = None) -> None:
         self._tables = game if opponent is None else met_by(game, opponent)
@@ -72,7 +72,7 @@ def agree(values: F64) -> Bools:
 
 def calibrated(values: F64, factor: Estimate | None) -> Estimate:
     """Calibrated figure: mean over the refits times the factor, with a 90 % interval; ``values``: ``[R]`` in each refit;
-    ``factor``: share of advantages that real matches realise, with its 95 % interval; None: unknown, taken as 1."""
+    ``factor``: share of advantages that real matches realise, with its 95 % interval (None: unknown, taken as 1)."""
     factor = factor or Estimate(1.0, 1.0, 1.0)
     mean, off = float(np.mean(values)), (factor.high - factor.low) / (2 * 1.959964)
     error = NORMAL * float(np.hypot(factor.value * error_of(values), mean * off))
