@@ -36,24 +36,6 @@ _PRECISIONS: Final = (*_LAGGED * (100.0,), 30.0, 100.0)
 stages, where halves of the training matches decided between those that the validation matches do not tell apart."""
 
 
-def fit_choice_shifts(
-    base: F64, cell: Ints, cells: int, player: Ints, players: int, label: Ints, precision: float
-) -> F64:  # fmt: skip
-    """Maximum a posteriori shifts ``[players, cells, C]`` under a normal prior.
-
-    The shift of a player in a cell is the sum of a shift shared by all cells and one of the cell, both with prior mean zero and
-    the given precision (four times that for the cell).
-
-    Args:
-        base: ``[N, C]`` probabilities of the average player, from networks that were not fitted to the match.
-        cell: ``[N]`` context in which a shift applies.
-        player: ``[N]`` player of each row.
-    """
-    rows = np.asarray(player, dtype=np.int64), np.asarray(player, dtype=np.int64) * cells + cell
-    shared, within = fit_shifts(base, label, rows, (players, players * cells), (precision, 4 * precision))
-    return np.asarray(shared[:, None] + within.reshape(players, cells, -1))
-
-
 def fit_shifts(base: F64, label: Ints, rows: Sequence[Ints], sizes: Sequence[int], precisions: Sequence[float]) -> list[F64]:
     """Maximum a posteriori tables of shifts ``[size, C]`` that are looked up and added up, under a normal prior of mean zero.
 
@@ -88,10 +70,17 @@ def fit_shifts(base: F64, label: Ints, rows: Sequence[Ints], sizes: Sequence[int
 class Choices(NamedTuple):
     """Observed choices among C, with what decides the shift."""
 
-    average: F64  # ``[N, C]`` probabilities of the average player
+    average: F64  # ``[N, C]`` probabilities of the average player, from networks that were not fitted to the match
     cell: I64  # ``[N]`` context in which a shift applies
     player: I64  # ``[N]`` player
     label: I64  # ``[N]`` observed choice
+
+    def shifts(self, cells: int, players: int, precision: float) -> F64:
+        """Maximum a posteriori shifts ``[players, cells, C]`` under a normal prior; each is the sum of one that all cells share
+        and one of the cell, both with prior mean zero and the given precision (four times that for the cell)."""
+        rows = self.player, self.player * cells + self.cell
+        shared, within = fit_shifts(self.average, self.label, rows, (players, players * cells), (precision, 4 * precision))
+        return np.asarray(shared[:, None] + within.reshape(players, cells, -1))
 
     def cross_entropy(self, shift: F64 | None = None) -> float:
         """Mean cross-entropy of the average player, or with shifts ``[players, cells, C]``, in nats."""
@@ -105,7 +94,7 @@ def best_shifts(
     """Cross-entropy on other choices, precision, and shifts of the best precision; without others of the largest one."""
     candidates: list[tuple[float, float, F64]] = []
     for precision in precisions:
-        shift = fit_choice_shifts(ours.average, ours.cell, cells, ours.player, players, ours.label, precision)
+        shift = ours.shifts(cells, players, precision)
         candidates.append((others.cross_entropy(shift) if len(others.label) else -precision, precision, shift))
     return min(candidates, key=lambda candidate: candidate[0])
 
