@@ -37,11 +37,9 @@ FIRST_RALLY: Final = Path(__file__).with_name("first_rally.bin")
 
 
 class FirstRally(Struct, frozen=True):
-    """The first rally of the default match, staged in advance; ``key``: of what it depends on.
-
-    A server whose compiled code is not cached needs half a minute before it can stage a rally; the page shows this one at once.
-    ``python -m docs.tools.first_rally`` writes the file again, after a change of the game, of the agents or of the staging.
-    """
+    """The first rally of the default match, staged in advance; ``key``: of what it depends on. A server whose compiled code is
+    not cached needs half a minute before it can stage a rally; the page shows this one at once.
+    ``python -m docs.tools.first_rally`` writes the file again, after a change of the game, of the agents or of the staging."""
 
     key: str
     reply: RallyReply
@@ -62,8 +60,7 @@ def shipped_rally(key: str) -> FirstRally | None:
 
 
 _PATIENCE: Final = 10.0  # maximum time that a new server waits for its first page before it compiles [s]
-_TOLD, _MOMENTS = 5e-4, 5
-"""Least cost of a stroke, in the probability of winning the match, that pages show, and number of costliest strokes."""
+_TOLD, _MOMENTS = 5e-4, 5  # least cost of a stroke, in matches won, that pages show; number of costliest strokes
 
 
 class Answers:
@@ -138,10 +135,8 @@ class Answers:
         return sum(1 for _ in self._rallies_of(messages.MatchRequest(id=0, plan=plan, rally=0)))
 
     def warm(self) -> None:
-        """Compute the first rally and its analysis, so that no page waits for them.
-
-        A page that shows the shipped rally comes first: compiling would delay its picture.
-        """
+        """Compute the first rally and its analysis, so that no page waits for them. A page that shows the shipped rally comes
+        first: compiling would delay its picture."""
         if self._shipped is not None:
             self._shown.wait(_PATIENCE)
         about = messages.RallyRequest(id=0, plan=None if self._recorded else self._plan, rally=self._first_shown)
@@ -204,10 +199,8 @@ class Answers:
         return messages.OptionsReply(values.options(rally, choice, limit=len(choice.stroke)), [])
 
     def _overview(self, query: messages.MatchRequest) -> messages.MatchReply:
-        """The overview of a match, with the costliest of the strokes that are marked as mistakes.
-
-        The cost of a stroke is its loss times the difference that the rally makes to the probability of winning the match.
-        """
+        """The overview of a match, with the costliest of the strokes that are marked as mistakes. The cost of a stroke is its
+        loss times the difference that the rally makes to the probability of winning the match."""
         rows: list[messages.MatchRally] = []
         costly: list[messages.Moment] = []
         marks: tuple[Counter[str], Counter[str]] = (Counter(), Counter())
@@ -302,10 +295,8 @@ class Answers:
         return self._values_of(query).imitated()
 
     def _values_of(self, query: messages.Query) -> StrokeValues:
-        """Values of strokes in the game of a rally.
-
-        It is that of the sides of a match, and of the two people who played a real rally, if the model has their skill.
-        """
+        """Values of strokes in the game of a rally. It is that of the sides of a match, and of the two people who played a real
+        rally, if the model has their skill."""
         if query.plan is not None:
             policies = self._policies.between(query.plan.sides_in(query.rally))
             same = policies is self._policies

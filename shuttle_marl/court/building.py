@@ -40,11 +40,8 @@ def node() -> Path | None:
 
 
 def build(say: Callable[[str], object] = lambda _: None) -> Path:
-    """Build the page if it is missing or out of date; returns its folder.
-
-    Raises:
-        BuildError: Node is missing, or a dependency cannot be fetched, or the build failed.
-    """
+    """Build the page if it is missing or out of date; returns its folder. Raises BuildError: Node is missing, or a dependency
+    cannot be fetched, or the build failed."""
     if not SOURCE.is_dir():  # a wheel
         if not _is_built(None):
             told = f"{BUILT}: the page is missing, because npm did not work when the package was installed"

@@ -80,11 +80,8 @@ class Friends:
             )
 
     def seen_by(self, query: Query) -> Query:
-        """A request about the game of a seat as one about its plan, which holds no choice that is still hidden.
-
-        Raises:
-            WatchError: nobody plays there.
-        """
+        """A request about the game of a seat as one about its plan, which holds no choice that is still hidden. Raises
+        WatchError: nobody plays there."""
         with self._lock:
             friend = query.friend
             game = None if friend is None else self._games.get(friend.token)
@@ -115,7 +112,6 @@ class Friends:
         return game.keys[-1]
 
     def _choose(self, game: _Game, seat: int, choice: int) -> None:
-        """Take the choice of a seat, and play the stroke if it was the last one that was awaited."""
         rally, stepper = game.rally, stepper_of(self._policies.game)
         state, striker = rally.turn, 1 - rally.chooser if rally.receives else rally.chooser
         if state is None:

@@ -75,22 +75,16 @@ class PolicyTables:
         return self if game is self.game else self._opposite.get(game.hash, lambda: PolicyTables(game, self._trusted))
 
     def table(self, side: Side, seat: int = 0) -> TabulatedPolicy:
-        """The tabulated policy of a side at a seat; for ``bc:history``, which has no table, that of ``bc``.
-
-        Raises:
-            PolicyError: the policy is unknown, may not be named by a page, or reads the score or the rally so far.
-        """
+        """The tabulated policy of a side at a seat; for ``bc:history``, which has no table, that of ``bc``. Raises PolicyError:
+        the policy is unknown, may not be named by a page, or reads the score or the rally so far."""
         if side.policy == baselines.REMEMBERING:
             side = Side(policy="bc", temperature=side.temperature)
         game = self.game.seats[seat]  # the same for both, unless it is that of a pair
         return self._tables.get((side, game.hash), lambda: tabulate(self.policy(side, seat), game))
 
     def policy(self, side: Side, seat: int = 0) -> Policy:
-        """The policy of a side at a seat, for single states: tabulating all states would take longer.
-
-        Raises:
-            PolicyError: the policy is unknown, or may not be named by a page.
-        """
+        """The policy of a side at a seat, for single states: tabulating all states would take longer. Raises PolicyError: the
+        policy is unknown, or may not be named by a page."""
         game = self.game.seats[seat]
 
         def resolved() -> Policy:
@@ -160,15 +154,9 @@ class Match:
         self._lock = threading.Lock()
 
     def rally(self, number: int, person: Person | None = None) -> CourtRally:
-        """A rally by its number, from 0.
-
-        Args:
-            person: person who plays instead of a policy; a rally in which they have to choose ends with their turn.
-
-        Raises:
-            WatchError: the match was over before, an earlier rally is not finished, or a chosen stroke or position is not legal.
-            PolicyError: a policy cannot be loaded.
-        """
+        """A rally by its number, from 0; ``person``: person who plays instead of a policy; a rally in which they have to choose
+        ends with their turn. Raises WatchError: the match was over before, an earlier rally is not finished, or a chosen stroke
+        or position is not legal. Raises PolicyError: a policy cannot be loaded."""
         with self._lock:
             while len(self._scores) <= number and not self._scores[-1].over:
                 before = self._play(len(self._scores) - 1, person)
@@ -210,17 +198,13 @@ def play_rally(
     begun: tuple[Rally, int] | None = None,
     waited: Mapping[int, int] | None = None,
 ) -> CourtRally:
-    """Play a rally to its end, or to the turn of a person.
+    """Play a rally to its end, or to the turn of a person. Raises WatchError: a chosen stroke or position is not legal.
 
     Args:
         key: ``[1]`` key of the random numbers.
         about: number of the rally, names of the players, score before the rally.
-        chosen: catalogue index of the strokes that no policy chooses, by their number.
+        chosen, waited: catalogue indices of strokes, and positions of receivers, that no policy chooses, by number of the stroke.
         begun: a rally, and the number of its strokes that are kept.
-        waited: positions of the receivers that no policy places, by the number of the stroke.
-
-    Raises:
-        WatchError: a chosen stroke is not legal, or a position not feasible.
     """
     number, names, score = about
     stepper = stepper_of(game)

@@ -76,12 +76,9 @@ def application(
     hosts: tuple[str, ...] = _LOOPBACK,
     proxies: tuple[str, ...] = (),
 ) -> ASGIApp:
-    """The ASGI application; ``video``: that which is tagged, ``language``: of a page whose reader has chosen none.
-
-    Args:
-        hosts: allowed values of the Host header; ``*`` allows every IP address.
-        proxies: further ones, whose pages may connect whatever Host header the proxy sends.
-    """
+    """The ASGI application; ``video``: that which is tagged, ``language``: of a page whose reader has chosen none; ``hosts``:
+    allowed values of the Host header (``*``: every IP address); ``proxies``: further ones, whose pages may connect whatever Host
+    header the proxy sends."""
 
     async def index(_: Request) -> Response:
         content = in_language((page / "index.html").read_bytes(), language)
@@ -167,10 +164,8 @@ def _with_headers(send: Send) -> Send:
 def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...], proxies: tuple[str, ...] = ()) -> str | None:
     """Reason to refuse a request; None if it is allowed.
 
-    Args:
-        origins: its Origin headers; browsers send one, which must be the host itself, or a proxy.
-        allowed: allowed host names in lower case; ``*`` allows every IP address, which DNS rebinding cannot forge.
-        proxies: further allowed host names in lower case.
+    ``origins``: its Origin headers (browsers send one), which must be the host itself, or a proxy; ``allowed``: allowed host
+    names in lower case (``*``: every IP address, which DNS rebinding cannot forge); ``proxies``: further ones.
     """
     host = _split(f"//{hosts[0]}").hostname if len(hosts) == 1 else None
     if host is None or not (host in (*allowed, *proxies) or ("*" in allowed and _is_address(host))):
@@ -255,11 +250,8 @@ class _Connections:
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """Bind a socket to a port, or to a free port if that one is in use or 0.
-
-    Raises:
-        WatchError: the host is not an address of this machine.
-    """
+    """Bind a socket to a port, or to a free port if that one is in use or 0. Raises WatchError: the host is not an address of
+    this machine."""
     if not 0 <= port < 1 << 16:
         raise WatchError(f"--port {port}: expected 0 (any free one) to 65535")
     try:
@@ -339,10 +331,7 @@ def browser_program() -> str:
 @contextlib.contextmanager
 def browser_page(size: tuple[int, int] = _SIZE, *flags: str, **options: Any) -> "Iterator[Page]":
     """A page of a headless browser, which is closed at the end; ``options`` of the page, and further ``flags`` of the browser.
-
-    Raises:
-        WatchError: no browser is installed.
-    """
+    Raises WatchError: no browser is installed."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415  an extra
 
     program = browser_program()
@@ -353,10 +342,8 @@ def browser_page(size: tuple[int, int] = _SIZE, *flags: str, **options: Any) -> 
 
 
 def browser_flags() -> list[str]:
-    """Flags of a headless browser that makes no network requests of its own.
-
-    Without a GPU, Mesa is two to three times as fast as SwiftShader.
-    """
+    """Flags of a headless browser that makes no network requests of its own. Without a GPU, Mesa is two to three times as fast as
+    SwiftShader."""
     mesa = find_library("EGL") is not None and any(Path("/usr/lib").glob("*/dri/swrast_dri.so"))
     # Chromium does not start as root with its sandbox.
     root = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []

@@ -94,7 +94,6 @@ def _packed(answers: Answers, request: messages.Request) -> bytes:
 
 
 def _rallies(answers: Answers, plan: Plan) -> Iterator[tuple[dict[str, bytes], list[str]]]:
-    """Replies about each rally in turn, and its athletes."""
     for number in itertools.count():
         request = messages.RallyRequest(id=0, plan=plan, rally=number)
         facts = answers.rally(request)[0].rally

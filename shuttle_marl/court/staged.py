@@ -118,12 +118,8 @@ def _recorded(strokes: pa.Table, game: Game, habit: Habit, opponent: str) -> tup
 
 
 def habits_shown(report: ScoutingReport, strokes: pa.Table | None) -> tuple[str, list[Example]]:
-    """A rally for each of the first sure habits of the opponent, as the content of a page, and what each shows.
-
-    Args:
-        report: with a player and a pair.
-        strokes: annotated matches; None: both are imitated.
-    """
+    """A rally for each of the first sure habits of the opponent, as the content of a page, and what each shows; ``report``: with
+    a player and a pair; ``strokes``: annotated matches (None: both are imitated)."""
     assert report.player is not None
     assert report.pair is not None
     names = printable(report.player.name), printable(report.opponent.name)

@@ -33,17 +33,10 @@ _MOST_STATES: Final = 16  # states of the game that are followed through a rally
 
 
 class TagFile:
-    """The tagged strokes of a video: a table, with the journal of the inputs beside it.
-
-    Args:
-        out: the table, a CSV file; continued if its journal exists.
-        rules: of the match; None: those of the journal, or else of the sport.
-
-    Raises:
-        WatchError: the video does not exist, or the match was begun by other rules; or the table exists without a journal, is no
-            longer the one that was saved, or is of another film.
-        RunError: the journal is damaged, or another process writes the table.
-    """
+    """The tagged strokes of a video: a table, with the journal of the inputs beside it; ``out``: the table, a CSV file; continued
+    if its journal exists; ``rules``: of the match (None: those of the journal, or else of the sport). Raises WatchError: the
+    video does not exist, or the match was begun by other rules; or the table exists without a journal, is no longer the one that
+    was saved, or is of another film. Raises RunError: the journal is damaged, or another process writes the table."""
 
     def __init__(self, video: Path, out: Path, rules: RulesName | None = None) -> None:
         if not video.is_file():
@@ -103,12 +96,8 @@ class TagFile:
             )
 
     def save(self, request: TagRequest) -> Saved:
-        """Keep an input and the rows that it changed.
-
-        Raises:
-            WatchError: it does not continue what is saved.
-            RunError, FileWriteError: a file cannot be written.
-        """
+        """Keep an input and the rows that it changed. Raises WatchError: it does not continue what is saved. Raises RunError,
+        FileWriteError: a file cannot be written."""
         with self._lock:
             now, told = _hash(self._inputs), SHOWN.get([])
             after = request.after or (told[0] if told else _hash(self._inputs[: request.at]))
@@ -160,7 +149,6 @@ def _hash(inputs: Sequence[str]) -> str:
 
 
 def _line(row: TagRow) -> str:
-    """A row of the table, with names for codes."""
     text, fields = io.StringIO(), msgspec.structs.asdict(row).items()
     values = (NAMES[name][value] if name in NAMES and isinstance(value, int) else value for name, value in fields)
     csv.writer(text, lineterminator="").writerow("" if value is None else value for value in values)
@@ -168,11 +156,9 @@ def _line(row: TagRow) -> str:
 
 
 def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke], receivers: Hands = ("right", "right")) -> list[Suggestion]:
-    """Shot types with which a policy continues a rally, the most probable first, with ways of playing them and targets.
-
-    Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states. Each stroke
-    of the line stands for the nearest legal one; ``receivers``: hands of who receives the serve, and of the server.
-    """
+    """Shot types with which a policy continues a rally, the most probable first, with ways of playing them and targets. Who was
+    hurried is not known, and the height of the next contact neither: their probabilities weight the states. Each stroke of the
+    line stands for the nearest legal one; ``receivers``: hands of who receives the serve, and of the server."""
     states = {ROOT: 1.0}
     for i, stroke in enumerate(line):
         met = {state: w for state, w in states.items() if int(game.contact(state)) == stroke.height} or states

@@ -146,7 +146,6 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
 
 
 def _support(game: Game, pair: int) -> float | None:
-    """Number of real strokes behind a legal pair; None: unknown."""
     real = real_strokes(game)
     return None if real is None else round(float(real[game.base_pair_edge[pair % game.n_base_pairs]]), 1)
 

@@ -45,11 +45,8 @@ _RETURNED, _UNKNOWN = REASONS.index("returned"), REASONS.index("unknown")
 
 
 def clean_matches(root: Path) -> Cleaned:
-    """Read and clean the matches below ``root`` whose files are present.
-
-    Raises:
-        DataError: unreadable input, or no match is present.
-    """
+    """Read and clean the matches below ``root`` whose files are present. Raises DataError: unreadable input, or no match is
+    present."""
     matches = [match for match in list_matches(root) if match.present]
     if not matches:
         raise DataError(root, f"no files of any match; get them with `{command('data', 'download')}`")
@@ -77,7 +74,6 @@ def clean_matches(root: Path) -> Cleaned:
 
 
 def _clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
-    """The remaining strokes of one game, and the number of dropped rows by reason."""
     raw, repeated = _arrange(raw)
     first = _first_strokes(raw)
     raw = _with_corrected_letters(raw, first)
@@ -135,10 +131,8 @@ def _clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
 
 
 def _arrange(raw: RawGame) -> tuple[RawGame, int]:
-    """The rows in playing order without repeated ones, and their number.
-
-    Two games of the data have an early rally at the end of the file; one stroke is repeated.
-    """
+    """The rows in playing order without repeated ones, and their number. Two games of the data have an early rally at the end of
+    the file; one stroke is repeated."""
     raw = raw.take(np.argsort(raw["rally"], kind="stable"))
     same = [raw[name][1:] == raw[name][:-1] for name in ("rally", "stroke", "by_a")]
     repeated = np.r_[False, np.all(same, axis=0) & (raw["stroke"][1:] > 1)]
@@ -163,10 +157,8 @@ def _broken_rallies(raw: RawGame, first: Bools) -> Bools:
 def _sides(raw: RawGame, first: Bools) -> tuple[I64, Bools]:
     """``[n]`` sign of the striker's half by majority vote within the rally, 0 without evidence; and rows that contradict it.
 
-    Ends change between games and in the middle of a third game, so the side is inferred per rally, from the positions of both
-    players, contact points and landing points (unless the shuttle fell short). Rows of unknown shot type contain placeholders
-    and are not used.
-    """
+    Ends change within a match, so positions, contacts and landings (unless the shuttle fell short) vote in each rally; rows of
+    unknown shot type contain placeholders and do not."""
     rally = np.cumsum(first) - 1
     own = [np.sign(raw[name][:, 1]) for name in ("player_location", "hit")]
     other = [-np.sign(raw["opponent_location"][:, 1])]
@@ -179,10 +171,8 @@ def _sides(raw: RawGame, first: Bools) -> tuple[I64, Bools]:
 
 
 def _with_corrected_letters(raw: RawGame, first: Bools) -> RawGame:
-    """Exchange players A and B in rallies that contradict the ends of the game, which do not change within games 1 and 2.
-
-    In two rallies of the data they are on each other's side, and the last striker's fault wins; exchanged letters correct both.
-    """
+    """Exchange players A and B in rallies that contradict the ends of the game, which do not change within games 1 and 2. In two
+    rallies of the data they are on each other's side, and the last striker's fault wins; exchanged letters correct both."""
     if raw.game > 2:
         return raw
     side, _ = _sides(raw, first)
@@ -195,11 +185,9 @@ def _with_corrected_letters(raw: RawGame, first: Bools) -> RawGame:
 
 
 def _outcomes(raw: RawGame, first: Bools) -> tuple[I64, I64]:
-    """``[n]`` outcome and reason of every stroke, indices into OUTCOMES and REASONS.
-
-    The winner of a rally is the player who scored, or the annotated winner if the score of the previous rally is missing. If
-    the reason contradicts the winner, the last stroke was not annotated and the outcome is unknown.
-    """
+    """``[n]`` outcome and reason of every stroke, indices into OUTCOMES and REASONS. The winner of a rally is the player who
+    scored, or the annotated winner if the score of the previous rally is missing. If the reason contradicts the winner, the last
+    stroke was not annotated and the outcome is unknown."""
     ends = np.flatnonzero(np.r_[first[1:], True])
     before = np.vstack([[0, 0], raw["score"][ends[:-1]]])
     gained = raw["score"][ends] - before
@@ -249,10 +237,8 @@ def _longest_chain(frame: I64, clock: I64) -> list[int]:
 
 
 def _corrected_label(raw: RawGame, own_half: Bools) -> I8:
-    """``[n]`` area labels from the receiver's view, -1 outside the court.
-
-    In the files left and right are those of the player in whose half the shuttle landed.
-    """
+    """``[n]`` area labels from the receiver's view, -1 outside the court. In the files left and right are those of the player in
+    whose half the shuttle landed."""
     label = _LABEL_AREA[raw["label_area"]]
     mirror = own_half.copy()
     if raw.match.source == "ShuttleSet" and raw.match.number in range(9, 21):  # labels of the lower half are mirrored
@@ -262,24 +248,16 @@ def _corrected_label(raw: RawGame, own_half: Bools) -> I8:
 
 @dataclasses.dataclass(frozen=True)
 class Convention:
-    """Another name for the replies to a shot type in one match.
-
-    Attributes:
-        incoming: shot type that is answered.
-        given, meant: label in the match, and that of all others.
-        strokes, of: numbers of strokes with the label ``given``, and with either label.
-        expected: expected share of ``given`` in them.
-        distance: from it, in standard deviations between matches.
-    """
+    """Another name for the replies to a shot type in one match."""
 
     match: str
-    incoming: str
-    given: str
-    meant: str
-    strokes: int
-    of: int
-    expected: float
-    distance: float
+    incoming: str  # shot type that is answered
+    given: str  # label in the match
+    meant: str  # label of all other matches
+    strokes: int  # with the label `given`
+    of: int  # strokes with either label
+    expected: float  # expected share of `given` in them
+    distance: float  # from it, in standard deviations between matches
 
 
 def with_common_labels(strokes: pa.Table) -> tuple[pa.Table, list[Convention]]:
@@ -338,11 +316,8 @@ def _replies(strokes: pa.Table, match: I64) -> tuple[I64, ...]:
 
 
 def _farthest(count: I64, training: Bools) -> tuple[int, int, int, dict[str, Any]] | None:
-    """Match, label in it and that of the others, and what else :class:`Convention` tells, of the one with the largest distance.
-
-    Args:
-        count: ``[matches, contacts, landings, labels]`` replies to a shot type.
-    """
+    """Match, label in it and that of the others, and what else :class:`Convention` tells, of the one with the largest distance;
+    ``count``: ``[matches, contacts, landings, labels]`` replies to a shot type."""
     count = count[..., N_SERVES:]
     at = np.moveaxis(count.sum(axis=2), 1, 2)
     labelled, both = at[:, :, None], at[:, :, None] + at[:, None]  # [matches, given, meant, contacts]

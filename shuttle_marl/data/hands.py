@@ -53,10 +53,8 @@ class PlayerHand:
 
 
 def hands_of(strokes: pa.Table) -> dict[str, PlayerHand]:
-    """Hands of the players who strike, by name in alphabetical order.
-
-    The side of a stroke is that of its contact point; without one, that of the area of the stroke before, if it was not inferred.
-    """
+    """Hands of the players who strike, by name in alphabetical order. The side of a stroke is that of its contact point; without
+    one, that of the area of the stroke before, if it was not inferred."""
     player, names = _encoded(strokes, "player")
     given = strokes["hand"].fill_null(-1).to_numpy()
     hand, known = np.full(len(names), -1), np.flatnonzero((given >= 0) & (given < len(HANDS)))[::-1]
@@ -163,6 +161,5 @@ def area_inferred(strokes: pa.Table) -> Bools:
 
 
 def _encoded(strokes: pa.Table, name: str) -> tuple[I64, list[Any]]:
-    """``[n]`` numbers of the values of a column, and the values."""
     encoded = strokes[name].combine_chunks().dictionary_encode()
     return encoded.indices.to_numpy().astype(np.int64), encoded.dictionary.to_pylist()

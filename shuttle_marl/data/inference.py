@@ -45,7 +45,6 @@ PAUSE: Final = 4.0  # time between two strokes that ends a rally [s]
 _LATIN: Final = re.compile(r"LATIN SMALL (?:LETTER|LIGATURE) (?:DOTLESS )?(THORN|ETH|[A-Z]{1,2})(?: WITH .*)?")
 _LETTERS: Final = {"THORN": "th", "ETH": "d"}
 _LOOKS_LIKE: Final = str.maketrans("авекмнорстухіјѕαβεζηικμνορτυχ", "abekmhopctyxijsabezhikmnoptyx")
-"""Latin letters by the Cyrillic and Greek ones that look like them."""
 _DIGRAPH: Final = re.compile("([aou])e|(?<=a)a")
 _BESIDE: Final = re.compile(r"\s*(?:\[[^]]*\]|\([^)]*\))|['\u2019\u02bc`]")  # a seed or a country in brackets, and apostrophes
 _SCORE: Final = re.compile(r"\s*(\d{1,2})\s*[-:/\N{EN DASH}\N{EM DASH} ]\s*(\d{1,2})\s*")
@@ -54,8 +53,7 @@ POINTS: Final = ("landing", "contact", "striker", "receiver")
 OTHER_SCORE: Final = "the score is not that of the last stroke of its rally, which is used"
 _APART: Final = 0.5  # largest distance of a contact point from the landing of the stroke before, which is the same point [m]
 _REACH: Final = 4.0  # largest distance of a player from a contact point [m]; 3.5 in 999 of 1,000 published strokes
-_SHALLOW, _TINY = 3.0, 1.05
-"""Points all within this distance of the middle of the net [m] are improbable, or no metres but fractions of a court."""
+_SHALLOW, _TINY = 3.0, 1.05  # points all so close to the middle of the net [m] are improbable, or fractions of a court
 _FEW: Final = 10  # fewer points tell nothing for certain
 _TEMPO: Final = (0.3, 5.0)  # probable median time between two strokes [s]; 0.9 in published matches
 _SHORTEST: Final = 0.1  # a shorter median is no time in seconds; 0 is one of whole rallies
@@ -64,12 +62,8 @@ Points = tuple[int, int]
 
 
 def areas_met(reply: I64, technique: I64) -> tuple[I64, F64]:
-    """``[n]`` areas where strokes were met, -1 not known, and their shares.
-
-    Args:
-        reply: ``[n]`` shot type of the next stroke, -1 without one.
-        technique: ``[n]`` its technique, -1 not known.
-    """
+    """``[n]`` areas where strokes were met, -1 not known, and their shares; ``reply``: ``[n]`` shot type of the next stroke, -1
+    without one; ``technique``: ``[n]`` its technique, -1 not known."""
     known = (reply >= 0) & (reply < len(SHOTS))
     shot = np.where(known, reply, 0)
     area = np.where(known, _AREA[shot, technique + 1], -1)
@@ -207,13 +201,9 @@ def check_tempo(sheet: Sheet, passed: F64) -> None:
 
 
 def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64], fresh: Bools, first: Bools) -> None:
-    """Compare the rows with those before them, and points and heights with other columns.
-
-    Args:
-        strokes: ``[n]`` values by column of the schema, NaN where there are none.
-        points: ``[n, 2]`` :data:`POINTS`.
-        fresh, first: ``[n]`` whether a row begins a game, and a rally.
-    """
+    """Compare the rows with those before them, and points and heights with other columns; ``strokes``: ``[n]`` values by column
+    of the schema, NaN where there are none; ``points``: ``[n, 2]`` :data:`POINTS`; ``fresh``, ``first``: ``[n]`` whether a row
+    begins a game, and a rally."""
     game, rally, number, player, outcome = (strokes[name] for name in ("game", "rally", "stroke", "player", "outcome"))
     if "stroke" in sheet:
         missing = number != np.where(first, 1, np.r_[0, number[:-1]] + 1)
@@ -249,7 +239,6 @@ def compare(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64],
 
 
 def _compare_scores(sheet: Sheet, strokes: Mapping[str, Any], fresh: Bools, first: Bools) -> None:
-    """Compare the scores of a rally with each other, with that of the rally before, and with who won."""
     player, opponent, rally, outcome = (strokes[name] for name in ("player", "opponent", "rally", "outcome"))
     points = np.stack([strokes["points"], strokes["points_opponent"]], axis=1)
     ends = np.flatnonzero(np.r_[first[1:], True])
@@ -275,7 +264,6 @@ def _compare_scores(sheet: Sheet, strokes: Mapping[str, Any], fresh: Bools, firs
 
 
 def _compare_points(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[str, F64], first: Bools) -> None:
-    """Compare points with each other, and landings with the endings."""
     outcome, reason, landing, contact = strokes["outcome"], strokes["reason"], points["landing"], points["contact"]
     met = np.r_[[[np.nan] * 2], -landing[:-1]]  # seen by the player who met the shuttle there
     met[first] = np.nan
@@ -296,16 +284,14 @@ def _compare_points(sheet: Sheet, strokes: Mapping[str, Any], points: Mapping[st
         sheet.doubt("a third of the returned strokes were met outside the court: are x and y metres from the middle of the net?")
 
 
-_MISSING: Final = frozenset((
+_MISSING: Final = frozenset((  # words that programs write for a missing value, as `bare` gives them
     "nan", "none", "null", "nil", "nat", "na", "<na>", "undefined", "missing", "ref!", "value!", "name?", "div0!", "num!", "inf",
     "tbd", "tba", "bye",
 ))  # fmt: skip
-"""Words that programs write for a missing value, as :func:`bare` gives them."""
 _ROLES: Final = frozenset(
     {"server", "receiver", "striker", "hitter", "winner", "loser", "发球方", "接发球方", "发球者", "接发球者"}
 )
-_ROLE: Final = re.compile(r"[pt]?\d|.|home|away|opponent|rival")
-"""Names that may be of another person in another match, without :data:`_PLACE`."""
+_ROLE: Final = re.compile(r"[pt]?\d|.|home|away|opponent|rival")  # of another person in another match, without `_PLACE`
 _IF_ONE: Final = "; map it in [values.player] if it is one"
 _TWO: Final = re.compile(r"[/&+;|\\\u3001\uff06\uff0f]|\s[-\u2013\u2014]\s|\s(and|und|og|et|dan|vs|v|और)\.?\s", re.IGNORECASE)
 """Separators of two names in one cell."""

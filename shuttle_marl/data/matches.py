@@ -138,7 +138,6 @@ def rules_of(strokes: pa.Table) -> dict[str, Rules]:
 
 
 def _carried(strokes: pa.Table) -> dict[str, RulesName]:
-    """Rules of the matches of which some row names them."""
     both = zip(strokes["match"].to_pylist(), strokes["rules"].to_pylist(), strict=True)
     return {match: name for match, name in both if name}
 
@@ -148,10 +147,8 @@ Doubts = list[tuple[str, str]]  # matches, and what is not certain of each
 
 
 def told_rules(matches: Ends) -> tuple[dict[str, RulesName], Doubts]:
-    """Names of the rules by which the scores of each match are possible, and what is not certain.
-
-    Those that allow most matches hold for all that they allow, of equal ones those of the sport.
-    """
+    """Names of the rules by which the scores of each match are possible, and what is not certain. Those that allow most matches
+    hold for all that they allow, of equal ones those of the sport."""
     fits = {match: {name: _fit(ends, rules) for name, rules in RULES.items()} for match, ends in matches.items()}
     least = {match: min(fit[:2] for fit in of_match.values()) for match, of_match in fits.items()}
     possible = {match: [name for name in RULES if fits[match][name][:2] == least[match]] for match in fits}
@@ -203,14 +200,9 @@ def _fit(ends: Mapping[int, RealRally], rules: Rules) -> tuple[int, int, int]:
 
 
 def with_rules(strokes: pa.Table, path: Path, rules: RulesName | None = None) -> tuple[pa.Table, tuple[str, ...]]:
-    """The table with the rules of its matches, and sentences on what is not certain of them.
-
-    Args:
-        rules: of all matches; None: those that the table carries, in any row of a match, or else the scores tell.
-
-    Raises:
-        DataError: a score is impossible by the rules that are given.
-    """
+    """The table with the rules of its matches, and sentences on what is not certain of them; ``rules``: of all matches (None:
+    those that the table carries, in any row of a match, or else the scores tell). Raises DataError: a score is impossible by the
+    rules that are given."""
     ends = _ends(strokes)
     given = dict.fromkeys(ends, rules) if rules else _carried(strokes)
     for match, name in given.items():
@@ -260,12 +252,8 @@ def _letters(text: str) -> str:
 
 
 def nearest_stroke(game: Game, state: int, shot: int, technique: int, area: int | None, receiver: str = "right") -> int:
-    """The legal stroke nearest to an annotated one: by shot type, then technique, then area.
-
-    Args:
-        area: as the receiver sees it; None: not known.
-        receiver: hand of the receiver.
-    """
+    """The legal stroke nearest to an annotated one: by shot type, then technique, then area; ``area``: as the receiver sees it
+    (None: not known); ``receiver``: hand of the receiver."""
     legal, catalogue = game.legal_strokes(state), game.catalogue
     distance = 1000.0 * (catalogue.shot[legal] != shot) + 10.0 * (catalogue.technique[legal] != technique)
     if area is not None:

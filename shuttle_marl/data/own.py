@@ -235,7 +235,6 @@ def _winners(rallies: Rallies) -> I64:
 
 
 def _servers(rallies: Rallies) -> Array:
-    """``[R]`` the server of each rally."""
     return np.where(rallies.stroke % 2 == 1, rallies.player, rallies.opponent)[rallies.first]
 
 
@@ -335,10 +334,8 @@ def import_matches(path: Path, columns: Path | None = None, rules: RulesName | N
 
 
 def clean(sheet: Sheet, given: ColumnMap) -> Cleaned:
-    """Check and convert the table of a reader.
-
-    Rallies that were replayed are dropped; of a file that users cannot correct also those with a problem, which is a warning.
-    """
+    """Check and convert the table of a reader. Rallies that were replayed are dropped; of a file that users cannot correct also
+    those with a problem, which is a warning."""
     path, total, rules = sheet.path, sheet.total, cast("RulesName", given.rules) or None
     sheet.map = _mapped(sheet, given)
     sheet.require(sheet.map.columns.values())
@@ -470,11 +467,8 @@ def _numbered_games(rallies: Rallies, rules: RulesName | None) -> tuple[Sheet, l
 
 
 def _course(winners: I64, rules: Rules) -> tuple[list[Score], bool | None]:
-    """Scores before the rallies of a match, and whether it may be over after them; None: it goes on after its end.
-
-    Args:
-        winners: side that won each rally, -1 not known.
-    """
+    """Scores before the rallies of a match, and whether it may be over after them; None: it goes on after its end; ``winners``:
+    side that won each rally, -1 not known."""
     scores = [Score(rules=rules)]
     for side in winners.tolist():
         scores.append(scores[-1].after(side) if side >= 0 else scores[-1])
@@ -498,7 +492,6 @@ def _seen_by_left_handers(strokes: pa.Table) -> pa.Table:
 
 
 def _strokes_of(sheet: Sheet, rallies: Rallies) -> pa.Table:
-    """The strokes of known types of the rallies without unreadable rows."""
     shot, point = rallies.shot, _points(sheet)
     technique, height = sheet.words("technique"), sheet.words("height")
     landed = _areas(sheet, point["landing"])
@@ -565,7 +558,6 @@ def _areas(sheet: Sheet, landing: F64) -> I64:
 
 
 def _inferred(strokes: pa.Table) -> list[str]:
-    """Sentences on what was inferred, with the numbers of kept strokes."""
     words = strokes["inferred"].fill_null("").to_pylist()
     counts = {text: sum(name in word.split() for word in words) for name, text in INFERRED.items()}
     return [f"{text}: {n:,} of {strokes.num_rows:,} strokes" for text, n in counts.items() if n]

@@ -25,8 +25,7 @@ _READ: Final = (
     "a CSV table with a row per stroke, a game of ShuttleSet, or XML of Sportscode, Dartfish or Nacsport; export a table (CSV)"
 )
 _INSTANCE: Final = ".//ALL_INSTANCES/instance"
-_KINDS: Final = ("shot", "ending", "technique", "height", "area")
-"""Kinds of words that labels without a group may be, the first ones first."""
+_KINDS: Final = ("shot", "ending", "technique", "height", "area")  # of words that labels without a group may be, in this order
 _LINE: Final = "\N{NUMBER SIGN}line"  # attribute of each element: its line in the file, a name that no XML attribute has
 _DEEPEST: Final = 50
 _MOST_ELEMENTS: Final = 1_000_000
@@ -158,7 +157,6 @@ def _line(element: ET.Element) -> int:
 
 
 def _parsed(path: Path, content: bytes) -> ET.Element:
-    """The root of an XML file, in bounded time and memory."""
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     depth = elements = 0
 

@@ -40,8 +40,7 @@ an unknown one, that the match was stopped: nobody won the rally."""
 
 DISCIPLINES: Final = ("MS", "WS")  # men's singles, women's singles
 
-REACH_OVER: Final = 0.5
-"""A contact point lies at most this far beyond the net [m]: players may reach over it, and points are marked by hand."""
+REACH_OVER: Final = 0.5  # largest distance of a contact point beyond the net [m]: players may reach over it, marks are imprecise
 FAR_OFF: Final = 5.0  # a point more than this far outside the lines [m] cannot be real: the file or its homography is broken
 
 _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
@@ -89,11 +88,10 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
      "to 11); null: not known, the scores tell."),
 )  # fmt: skip
 
-STROKES: Final = pa.schema(
+STROKES: Final = pa.schema(  # Arrow schema of a stroke table in memory; files and `named` have names for the codes of `NAMES`
     [pa.field(name, kind, nullable, metadata={"description": text}) for name, kind, nullable, text in _FIELDS],
     metadata={"schema": "shuttle_marl.strokes", "version": "2"},
 )
-"""Arrow schema of a stroke table in memory; files and :func:`named` have names for the codes of :data:`NAMES`."""
 
 OPTIONAL: Final = ("hand", "hurried", "forced", "confidence", "inferred", "rules")  # columns that files may lack
 
@@ -110,10 +108,8 @@ NAMES: Final = {
 
 
 def named(strokes: pa.Table) -> pa.Table:
-    """A stroke table with names instead of codes: the columns of :data:`NAMES` become dictionaries of text.
-
-    pandas reads them as categories, polars and DuckDB as text.
-    """
+    """A stroke table with names instead of codes: the columns of :data:`NAMES` become dictionaries of text. pandas reads them as
+    categories, polars and DuckDB as text."""
     for name, names in NAMES.items():
         strokes = changed(strokes, name, pa.DictionaryArray.from_arrays(strokes[name].combine_chunks(), pa.array(names)))
     return strokes
@@ -126,11 +122,8 @@ def changed(table: pa.Table, name: str, values: pa.Array) -> pa.Table:
 
 
 def to_df(table: pa.Table, library: Literal["pandas", "polars"] = "pandas") -> Any:
-    """A data frame of a table: of strokes with names instead of codes, of a rally log as it is.
-
-    Raises:
-        ModuleNotFoundError: the library is not installed.
-    """
+    """A data frame of a table: of strokes with names instead of codes, of a rally log as it is. Raises ModuleNotFoundError: the
+    library is not installed."""
     if set(NAMES) <= set(table.column_names):
         table = named(table)
     with hinted():
@@ -179,12 +172,8 @@ def rally_numbers(strokes: pa.Table) -> I64:
 
 
 def stroke_table(columns: Mapping[str, Any], points: Mapping[str, Floats]) -> pa.Table:
-    """The table of n strokes.
-
-    Args:
-        columns: ``[n]`` values by column; null where they are NaN or masked, and in columns that are not there.
-        points: ``[n, 2]`` coordinates, ``NAME`` of the columns ``NAME_x`` and ``NAME_y``.
-    """
+    """The table of n strokes; ``columns``: ``[n]`` values by column; null where they are NaN or masked, and in columns that are
+    not there; ``points``: ``[n, 2]`` coordinates, ``NAME`` of the columns ``NAME_x`` and ``NAME_y``."""
     columns = {**columns, **{f"{name}_{axis}": xy[:, i] for name, xy in points.items() for i, axis in enumerate("xy")}}
     missing = pa.nulls(len(columns["match"]))
     given = [(columns.get(field.name, missing), field.type) for field in STROKES]

@@ -34,42 +34,27 @@ _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 @dataclasses.dataclass(eq=False, kw_only=True)
 class Sheet:
-    """The n rows of a table of text.
-
-    An invalid value becomes a missing one, its row is marked, and the problem is recorded. The caller decides whether problems
-    are fatal.
-
-    Attributes:
-        source: of the matches, unless the map of the user names one.
-        strict: whether a problem stops the import; otherwise its rally is dropped, because users cannot correct the file.
-        lost: sentences on what the format, or this file, does not have.
-        inferred, notes: sentences on what the import so far inferred from other values: of all rows, and of those that are left.
-        columns: ``[n]`` values by header.
-        map: of the columns that are read, with whose names the methods are called.
-        line: ``[n]`` (last) line of each row in the file, from 1.
-        unreadable: ``[n]`` rows with an invalid value.
-        empty, others: numbers of further rows without any value, and of rows that cannot be read or are no strokes.
-        problems: so far, each once; ``warnings``: what is strange and not wrong.
-    """
+    """The n rows of a table of text. An invalid value becomes a missing one, its row is marked, and the problem is recorded. The
+    caller decides whether problems are fatal."""
 
     path: Path
     content: bytes
     format: str = "CSV"
-    source: str = "own matches"
-    strict: bool = False
-    lost: Sequence[str] = ()
-    inferred: Sequence[str] = ()
+    source: str = "own matches"  # of the matches, unless the map of the user names one
+    strict: bool = False  # whether a problem stops the import; else its rally is dropped, as users cannot correct the file
+    lost: Sequence[str] = ()  # sentences on what the format, or this file, does not have
+    inferred: Sequence[str] = ()  # sentences on what the import so far inferred from other values, of all rows
     decimal: str = "."
     header: tuple[str, ...] = ()
-    columns: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
-    map: ColumnMap = dataclasses.field(default_factory=ColumnMap)
-    line: I64 = dataclasses.field(default_factory=lambda: np.zeros(0, np.int64))
-    unreadable: Bools = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
-    empty: int = 0
-    others: int = 0
-    problems: dict[Problem, None] = dataclasses.field(default_factory=dict)
-    warnings: list[Problem] = dataclasses.field(default_factory=list)
-    notes: list[str] = dataclasses.field(default_factory=list)
+    columns: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)  # [n] values by header
+    map: ColumnMap = dataclasses.field(default_factory=ColumnMap)  # of the columns that are read, by the names that methods take
+    line: I64 = dataclasses.field(default_factory=lambda: np.zeros(0, np.int64))  # [n] (last) line of each row, from 1
+    unreadable: Bools = dataclasses.field(default_factory=lambda: np.zeros(0, bool))  # [n] rows with an invalid value
+    empty: int = 0  # number of further rows without any value
+    others: int = 0  # number of rows that cannot be read or are no strokes
+    problems: dict[Problem, None] = dataclasses.field(default_factory=dict)  # so far, each once
+    warnings: list[Problem] = dataclasses.field(default_factory=list)  # what is strange and not wrong
+    notes: list[str] = dataclasses.field(default_factory=list)  # the same, of the rows that are left
 
     @classmethod
     def of(cls, path: Path, content: bytes, entries: Sequence[Mapping[str, str]], lines: Sequence[int], **about: Any) -> "Sheet":
@@ -164,10 +149,8 @@ class Sheet:
         return values
 
     def bounded(self, name: str, low: int, high: int, *, whole: bool = True, needed: bool = False) -> F64:
-        """``[n]`` numbers from low to high, ``whole`` ones or any, NaN for empty values and without the column.
-
-        Any other value is a problem and becomes NaN, and so is an empty one that is ``needed``.
-        """
+        """``[n]`` numbers from low to high, ``whole`` ones or any, NaN for empty values and without the column. Any other value
+        is a problem and becomes NaN, and so is an empty one that is ``needed``."""
         values = self.numbers(name)
         fine = (values >= low) & (values <= high) & ((values == np.floor(values)) | (not whole))
         for row in np.flatnonzero(~fine & ~np.isnan(values)).tolist():
@@ -209,12 +192,8 @@ class Sheet:
 
 
 def read_csv(path: Path, required: Collection[str] = (), *, delimiter: str | None = ",", decimal: str = ".") -> Sheet:
-    """Read a CSV file in UTF-8 with a header.
-
-    Args:
-        required: headers of the columns to read.
-        delimiter: of values; None: the most frequent one of the header.
-    """
+    """Read a CSV file in UTF-8 with a header; ``required``: headers of the columns to read; ``delimiter``: of values (None: the
+    most frequent one of the header)."""
     content = read_content(path)
     text = io.StringIO(unicodedata.normalize("NFC", _decode(path, content)), newline="")
     if stated := _SEPARATOR.match(text.getvalue()):

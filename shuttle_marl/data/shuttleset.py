@@ -29,8 +29,7 @@ from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import SHOTS
 
 POINTS: Final = ("landing", "hit", "player_location", "opponent_location")  # points with pixel coordinates in every row
-_BAD_HOMOGRAPHY: Final = 0.2
-"""Maximum fraction of the rows of a game with both players in one half; above, its homography is broken."""
+_BAD_HOMOGRAPHY: Final = 0.2  # maximum fraction of the rows of a game with both players in one half
 
 _NUMBERS: Final = tuple(f"{point}_{axis}" for point in POINTS for axis in "xy")
 _COLUMNS: Final = (
@@ -42,10 +41,8 @@ _HOMOGRAPHY_COLUMNS: Final = ("video", "homography_matrix")
 _MAX_NUMBER: Final = 9999  # maximum number of rallies, strokes of a rally, and matches of a list
 _CLOCK: Final = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)", re.ASCII)
 
-AREA_OF_LABEL: Final = (0, 2, 6, 8, 3, 5, 1, 4, 7)
-"""Index into court.AREAS by area label 1 to 9, from the view of the player of that half."""
-NEAREST_OF_LABEL: Final = (2, 5, 8, 7, 6, 3, 0)
-"""Nearest area of the labels 10 to 16, which lie outside of the court and follow each other around it."""
+AREA_OF_LABEL: Final = (0, 2, 6, 8, 3, 5, 1, 4, 7)  # index into court.AREAS by label 1 to 9, seen by the player of that half
+NEAREST_OF_LABEL: Final = (2, 5, 8, 7, 6, 3, 0)  # nearest area of the labels 10 to 16, which follow each other around the court
 # The court in the frame of the homographies: 355 x 960 units, net at 480, 660 units from base line to base line.
 _UNIT: Final = 13.40 / 660
 _CENTRE: Final = np.array([177.5, 480.0])
@@ -240,7 +237,6 @@ def _height(sheet: Sheet, name: str) -> I8:
 
 
 def _seconds_of(text: str) -> int | None:
-    """Time of ``h:mm:ss`` [s]; None for other text."""
     clock = _CLOCK.fullmatch(text)
     return None if clock is None else 3600 * int(clock[1]) + 60 * int(clock[2]) + int(clock[3])
 
@@ -261,7 +257,6 @@ def _project(sheet: Sheet, name: str, homography: F64) -> F64:
 
 
 def _check_points(sheet: Sheet, point: dict[str, F64]) -> None:
-    """Mark points far off the court and set them missing."""
     limits = np.array([3.05, 6.70]) + FAR_OFF
     for name, metres in point.items():
         for row in np.flatnonzero((np.abs(metres) > limits).any(axis=1)):
@@ -273,8 +268,7 @@ def _check_points(sheet: Sheet, point: dict[str, F64]) -> None:
 
 SINGLE_GAME: Final = frozenset({"ball_round", "rally", "player", "type", "landing_area"})
 """Headers that show a single game, without the lists of its matches and their homographies."""
-_AREAS: Final = ("", *(AREAS[i] for i in (*AREA_OF_LABEL, *NEAREST_OF_LABEL)))
-"""Area by label; those outside of the court are the nearest ones."""
+_AREAS: Final = ("", *(AREAS[i] for i in (*AREA_OF_LABEL, *NEAREST_OF_LABEL)))  # area by label, or nearest one
 _AS_THEY_ARE: Final = {
     "match": "match_id", "game": "set", "rally": "rally", "stroke": "ball_round", "player": "player", "ending": "lose_reason",
     "winner": "getpoint_player", "frame": "frame_num",

@@ -26,18 +26,16 @@ from shuttle_marl.game.tables import Game
 
 FLIGHT: Final = np.array([0.73, 1.90, 1.17, 1.27, 0.80, 0.47, 0.53, 0.53, 1.00, 0.37, 0.87, 0.90, 0.92])
 """Median time from a stroke to the next [s], by shot type."""
-FAULT_MIX: Final = np.array([
+FAULT_MIX: Final = np.array([  # [13, 3] probabilities of out, net and short, by shot type of the fault
     [0.25, 0.67, 0.08], [1.00, 0.00, 0.00], [1.00, 0.00, 0.00], [0.88, 0.10, 0.02], [0.33, 0.58, 0.09],
     [0.63, 0.37, 0.00], [0.57, 0.40, 0.03], [0.49, 0.35, 0.16], [0.84, 0.16, 0.00], [0.40, 0.59, 0.01],
     [0.09, 0.59, 0.32], [0.14, 0.43, 0.43], [0.28, 0.43, 0.29],
 ])  # fmt: skip
-"""``[13, 3]`` probabilities of out, net and short, by shot type of the fault."""
 FRAME_RATE: Final = 30
 BREAK: Final = 23.0  # median time between two rallies [s]
 INTERVAL: Final = 120.0  # time between two games [s]
 
-_BASE, _BASE_SPREAD = np.array([0.0, -3.7]), 0.35
-"""Mean and standard deviation of the base position of a player between strokes, in the own frame [m]."""
+_BASE, _BASE_SPREAD = np.array([0.0, -3.7]), 0.35  # mean and deviation of the base position of a player in the own frame [m]
 _RECOVERY: Final = 1.5  # speed of recovery to the base position [m/s]
 _NEAR_NET: Final = 0.3  # minimum distance of players and of the landings of good strokes from the net [m]
 _OUT, _NET, _SHORT, _LANDED = (REASONS.index(name) for name in ("out", "net", "short", "landed"))
@@ -128,7 +126,6 @@ def _fall_short(landing: F64, start: F64, reason: I64, rng: np.random.Generator)
 
 
 def _positions(strokes: SimulatedStrokes, contact: F64, flight: F64, rng: np.random.Generator) -> tuple[F64, F64]:
-    """``[n, 2]`` positions of striker and receiver at the hit."""
     n = len(flight)
     striker, receiver = np.empty((n, 2)), np.empty((n, 2))
     serves = np.flatnonzero(strokes.stroke == 1)
@@ -277,10 +274,8 @@ def simulate(
 
 
 def simulated_rallies(game: Game, players: Mapping[str, Policy], *, matches: int, seed: int) -> Rallies:
-    """The rallies of :func:`simulate`, as a log has them.
-
-    Match m of a pair has the draws that a league with ``matches_per_draw=1`` would give it.
-    """
+    """The rallies of :func:`simulate`, as a log has them. Match m of a pair has the draws that a league with
+    ``matches_per_draw=1`` would give it."""
     from shuttle_marl.kernel.matches import Matches, asking, play, play_matches  # noqa: PLC0415  numba is slow to import
 
     if matches < 1:

@@ -135,7 +135,6 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
 
 
 def _read(path: Path) -> tuple[pa.Table, Account | None]:
-    """A stroke table and its account, which those of other programs do not have."""
     content = _content(path)
     strokes, told = _conforming(path, content), (content.schema.metadata or {}).get(_ACCOUNT)
     try:
@@ -166,10 +165,8 @@ def _written_elsewhere(table: pa.Table) -> bool:
 
 
 def _conforming(path: Path, table: pa.Table) -> pa.Table:
-    """A table of a file in the schema of strokes; columns that it may lack are added.
-
-    One that another program wrote, such as pandas, is cast to the schema and must satisfy its rules.
-    """
+    """A table of a file in the schema of strokes; columns that it may lack are added. One that another program wrote, such as
+    pandas, is cast to the schema and must satisfy its rules."""
     elsewhere, metadata, advice = _written_elsewhere(table), table.schema.metadata, _again()
     if elsewhere:
         table = table.select([name for name in table.column_names if not name.startswith(_OF_PANDAS)])
@@ -220,10 +217,8 @@ def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
 
 
 def anonymised(strokes: pa.Table) -> pa.Table:
-    """Strokes with pseudonyms for players (``player-01``) and matches (``match-001``), without provenance.
-
-    The numbers follow the SHA-256 of the names, so they reveal no order; the same names give the same pseudonyms.
-    """
+    """Strokes with pseudonyms for players (``player-01``) and matches (``match-001``), without provenance. The numbers follow the
+    SHA-256 of the names, so they reveal no order; the same names give the same pseudonyms."""
     for columns, form in ((("player", "opponent"), "player-{:02d}"), (("match",), "match-{:03d}")):
         names = set[str]().union(*(strokes[column].unique().to_pylist() for column in columns))
         ranked = enumerate(sorted(names, key=lambda name: content_hash(name.encode())), 1)

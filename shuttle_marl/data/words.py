@@ -19,8 +19,7 @@ from shuttle_marl.game import court
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
-LANGUAGES: Final = ("en", "zh", "ja", "ko", "id", "da", "hi")
-"""English, Chinese, Japanese, Korean, Indonesian and Malay, Danish, Hindi."""
+LANGUAGES: Final = ("en", "zh", "ja", "ko", "id", "da", "hi")  # `id`: Indonesian and Malay
 _MARKS: Final = re.compile(r"[\s_\-\u2010-\u2015\u30fb\u2019.:/()'#]+")
 _LONGEST: Final = 50
 _ALIKE: Final = 0.75  # least similarity of a word that is meant by a misspelt one
@@ -55,10 +54,8 @@ def _file() -> dict[str, dict[str, dict[str, list[str]]]]:
 
 
 class Words:
-    """Meanings of the words of a kind in a file.
-
-    A word with several meanings has that of the language which most of the words of the file are of, English if in doubt.
-    """
+    """Meanings of the words of a kind in a file. A word with several meanings has that of the language which most of the words of
+    the file are of, English if in doubt."""
 
     def __init__(self, kind: str, texts: Iterable[str], header: Iterable[str] = ()) -> None:
         """Words of a kind, ``column`` or the name of a column, from all texts of a file and headers that tell its language."""
@@ -104,8 +101,7 @@ PLAYERS: Final = ("player", "opponent", "winner")  # columns with names of playe
 REQUIRED: Final = ("player", "shot")
 FAULTS: Final = ("out", "net", "short", "foul", "error", "forced-error", "unforced-error")
 WINNERS: Final = ("landed", "misjudged")
-STOPS: Final = ("retired", "walkover", "disqualified")
-"""Endings of a match; nobody won the rally."""
+STOPS: Final = ("retired", "walkover", "disqualified")  # endings of a match; nobody won the rally
 WORDS: Final[dict[str, tuple[str, ...]]] = {
     "hand": court.HANDS,
     "shot": (*SHOTS, "unknown", "serve"),
@@ -134,32 +130,19 @@ _WHOLE: Final = re.compile(r"\A(\d+)[.,]0+\Z")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ColumnMap:
-    """Map from a user's headers and words to those of this package.
+    """Map from a user's headers and words to those of this package."""
 
-    Attributes:
-        source: source of the matches; empty: that of the format.
-        columns: header by name of :data:`COLUMNS`; none: those that the words of the header mean.
-        values: by column, word of this package by the user's word in lower case.
-        discipline: of all matches; empty: that of a column, or of known players.
-        coordinates: ``striker``: as in the schema; ``court``: the same for both players.
-        areas_seen_by: ``receiver`` or ``striker``, from whose view left and right are.
-        delimiter: of values; empty: a comma, and without columns what the header has most of.
-        rules: of the matches, of :data:`~shuttle_marl.game.scoring.RULES`; empty: those that the scores tell.
-        guessed: whether the columns are those that the words of the header mean.
-        file: with the map; None: there is none.
-    """
-
-    source: str = ""
-    columns: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    values: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
-    discipline: str = ""
-    coordinates: str = "striker"
-    areas_seen_by: str = "receiver"
-    delimiter: str = ""
+    source: str = ""  # source of the matches; empty: that of the format
+    columns: Mapping[str, str] = dataclasses.field(default_factory=dict)  # header by name of `COLUMNS`; none: as its words mean
+    values: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)  # own word by the user's in lower case
+    discipline: str = ""  # of all matches; empty: that of a column, or of known players
+    coordinates: str = "striker"  # `striker`: as in the schema; `court`: the same for both players
+    areas_seen_by: str = "receiver"  # `receiver` or `striker`, from whose view left and right are
+    delimiter: str = ""  # of values; empty: a comma, and without columns what the header has most of
     decimal: str = "."
-    rules: str = ""
-    guessed: bool = False
-    file: Path | None = None
+    rules: str = ""  # of the matches, of `RULES`; empty: those that the scores tell
+    guessed: bool = False  # whether the columns are those that the words of the header mean
+    file: Path | None = None  # with the map; None: there is none
 
     @classmethod
     def read(cls, path: Path) -> "ColumnMap":

@@ -75,10 +75,8 @@ def stored_trees(booster: Any, leaves: int) -> tuple[dict[str, npt.NDArray[Any]]
 
 
 SHARE: Final = 0.25
-MIN_ROWS: Final = 5000
-"""Strokes with positions and times of a fit; fewer hold some hundred faults, which no index can be fitted to."""
-MIN_CELL: Final = 200
-"""With fewer strokes against a shot type from a contact height, both heights count; with still fewer nobody is hurried."""
+MIN_ROWS: Final = 5000  # strokes with positions and times of a fit; fewer hold some hundred faults, too few
+MIN_CELL: Final = 200  # strokes against a shot type from a height; with fewer both heights count, or nobody is hurried
 FOLDS: Final = 20
 _LEAVES: Final = 12
 _INDEX: Final = {"objective": "l2", "learning_rate": 0.04, "num_leaves": _LEAVES, "min_data_in_leaf": 150, "lambda_l2": 0}

@@ -1,18 +1,13 @@
 """Choices that differ from the average player's: shifts of their logits, shrunk towards zero.
 
-**By player** (:func:`player_choices`): the precision of the prior, which sets the strength of the shrinkage, is chosen on the
-validation matches.
-
-**By the rally so far** (:func:`fit_history`): shifts by the two strokes that the state no longer holds, three and four before
-(shot type, area, technique), by the number of the stroke, and by the score, which add up. The strokes one and two before are
-inputs of the average player's networks, whose out-of-fold predictions are shifted. Small networks over all four strokes predict
-unseen matches no better.
-:mod:`shuttle_marl.policy.baselines` plays with the shifts.
+Those of a player (:func:`player_choices`) are shrunk as the validation matches choose. Those by the rally so far
+(:func:`fit_history`) add up: by the strokes three and four before, which the state no longer holds (shot type, area, technique),
+by the number of the stroke, and by the score. They shift out-of-fold predictions of the average player's networks; small networks
+over all four strokes predict unseen matches no better. :mod:`shuttle_marl.policy.baselines` plays with them.
 """
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -21,44 +16,24 @@ import torch
 
 from shuttle_marl.base.arrays import F64, I64, Ints
 from shuttle_marl.dynamics.features import SLOTS, Rows
-from shuttle_marl.dynamics.fitted import ModelError, PlayerChoices, tilted
+from shuttle_marl.dynamics.fitted import PlayerChoices, tilted
 from shuttle_marl.dynamics.models import labelled, labels_of, softmax, unseen
 from shuttle_marl.dynamics.modules import Ensemble
 from shuttle_marl.game.court import N_AREAS, mirrored
 from shuttle_marl.game.policy import STAGES, stages_of
-from shuttle_marl.game.shipped import HISTORY, readable
 from shuttle_marl.game.stroke import N_SHOTS
 
 MIN_STROKES: Final = 1000
 CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
 _TYPICAL_PRECISION: Final = {"style": 30.0, "area": 3.0}  # precisions that were chosen for the shipped model
 Arrays = dict[str, npt.NDArray[np.float16]]
-_NONE: Final = {name: SLOTS[f"own_{name}"] - 2 for name in ("shot", "area", "technique")}
-"""Code of the attributes where there was no stroke."""
+_NONE: Final = {name: SLOTS[f"own_{name}"] - 2 for name in ("shot", "area", "technique")}  # code of no stroke
 _LAGGED: Final = 2 * len(_NONE)
 _SIZES: Final = np.array([*np.repeat(list(_NONE.values()), 2) + 1, *STAGES.values()])
 """Rows of each table of shifts: of an attribute of the strokes three and four before, and of a stage."""
 _PRECISIONS: Final = (*_LAGGED * (100.0,), 30.0, 100.0)
 """Precision of the prior of each table, by the log-loss on the validation matches: of 30 to 500 for strokes, of 10 to 300 for
 stages, where halves of the training matches decided between those that the validation matches do not tell apart."""
-
-
-def fit_choice_shifts(
-    base: F64, cell: Ints, cells: int, player: Ints, players: int, label: Ints, precision: float
-) -> F64:  # fmt: skip
-    """Maximum a posteriori shifts ``[players, cells, C]`` under a normal prior.
-
-    The shift of a player in a cell is the sum of a shift shared by all cells and one of the cell, both with prior mean zero and
-    the given precision (four times that for the cell).
-
-    Args:
-        base: ``[N, C]`` probabilities of the average player, from networks that were not fitted to the match.
-        cell: ``[N]`` context in which a shift applies.
-        player: ``[N]`` player of each row.
-    """
-    rows = np.asarray(player, dtype=np.int64), np.asarray(player, dtype=np.int64) * cells + cell
-    shared, within = fit_shifts(base, label, rows, (players, players * cells), (precision, 4 * precision))
-    return np.asarray(shared[:, None] + within.reshape(players, cells, -1))
 
 
 def fit_shifts(base: F64, label: Ints, rows: Sequence[Ints], sizes: Sequence[int], precisions: Sequence[float]) -> list[F64]:
@@ -95,10 +70,17 @@ def fit_shifts(base: F64, label: Ints, rows: Sequence[Ints], sizes: Sequence[int
 class Choices(NamedTuple):
     """Observed choices among C, with what decides the shift."""
 
-    average: F64  # ``[N, C]`` probabilities of the average player
+    average: F64  # ``[N, C]`` probabilities of the average player, from networks that were not fitted to the match
     cell: I64  # ``[N]`` context in which a shift applies
     player: I64  # ``[N]`` player
     label: I64  # ``[N]`` observed choice
+
+    def shifts(self, cells: int, players: int, precision: float) -> F64:
+        """Maximum a posteriori shifts ``[players, cells, C]`` under a normal prior; each is the sum of one that all cells share
+        and one of the cell, both with prior mean zero and the given precision (four times that for the cell)."""
+        rows = self.player, self.player * cells + self.cell
+        shared, within = fit_shifts(self.average, self.label, rows, (players, players * cells), (precision, 4 * precision))
+        return np.asarray(shared[:, None] + within.reshape(players, cells, -1))
 
     def cross_entropy(self, shift: F64 | None = None) -> float:
         """Mean cross-entropy of the average player, or with shifts ``[players, cells, C]``, in nats."""
@@ -112,7 +94,7 @@ def best_shifts(
     """Cross-entropy on other choices, precision, and shifts of the best precision; without others of the largest one."""
     candidates: list[tuple[float, float, F64]] = []
     for precision in precisions:
-        shift = fit_choice_shifts(ours.average, ours.cell, cells, ours.player, players, ours.label, precision)
+        shift = ours.shifts(cells, players, precision)
         candidates.append((others.cross_entropy(shift) if len(others.label) else -precision, precision, shift))
     return min(candidates, key=lambda candidate: candidate[0])
 
@@ -198,19 +180,10 @@ def fit_history(
     return dict(zip((*_NONE, *STAGES), arrays, strict=True)), scores
 
 
-def load_history(folder: Path) -> Arrays:
-    """The shifts of a model folder. Raises ModelError: the file is missing, or differs from the model card."""
-    with readable(folder, HISTORY, "choices", ModelError) as tensors:
-        return tensors.arrays
-
-
 def _choices(name: str, network: Ensemble, rows: Rows, folds: int | None) -> tuple[F64, I64, I64]:
-    """Choices after known strokes.
-
-    Returns:
-        ``[N, C]`` probabilities of the average player (out-of-fold, unless ``folds`` is None), ``[N]`` label, and ``[8, N]`` the
-        attributes of the earlier strokes, each of lag 3 and 4, and the stages. Areas are named as a game does.
-    """
+    """``[N, C]`` probabilities of the average player (out-of-fold, unless ``folds`` is None), ``[N]`` label, and ``[8, N]``
+    attributes of the earlier strokes, each of lag 3 and 4, and stages, for choices after known strokes. Areas are named as a game
+    does."""
     which = labelled(name, rows)
     values, rows = _remembered(rows)[:, which], rows.take(which)
     members = softmax(network.logits(rows.codes))

@@ -64,8 +64,7 @@ _FALLBACK_SHARE: Final = 0.05
 CONTEXT_STROKES: Final = 20.0  # weight of the contexts of a shot type in those of an incoming stroke, in strokes
 MIN_STROKES: Final = 20
 MIN_REPLIES: Final = 2
-SMALL_CELL: Final = 50
-"""Number of strokes against an incoming shot type in an area, at a height, below which those in its third of the court count."""
+SMALL_CELL: Final = 50  # strokes against a shot type in an area, at a height, below which those in its third count
 MIN_STYLE: Final = 5
 PRIOR_STROKES: Final = 40.0
 CREDIBLE: Final = 0.90
@@ -88,11 +87,9 @@ def catalogue_of(rows: Rows) -> Catalogue:
 
 
 def average_choices(models: FittedModels, rows: Rows, catalogue: Catalogue) -> F64:
-    """``[n, 2, 13, 3]`` share of shot types and techniques in the average player's choices, by incoming stroke and height.
-
-    The mean over the contexts in which people meet the incoming stroke at this height, and, with the weight of
-    :data:`CONTEXT_STROKES`, over those in which they meet any of its shot type; zero where nobody met that.
-    """
+    """``[n, 2, 13, 3]`` share of shot types and techniques in the average player's choices, by incoming stroke and height. The
+    mean over the contexts in which people meet the incoming stroke at this height, and, with the weight of
+    :data:`CONTEXT_STROKES`, over those in which they meet any of its shot type; zero where nobody met that."""
     context = [name for name in STATE if not name.startswith("incoming_") and name not in ("hands", "contact")]
     share = np.zeros((len(catalogue), 2, N_SHOTS, N_TECHNIQUES))
     for shot, contact in np.ndindex(N_SHOTS, 2):
@@ -119,12 +116,8 @@ def average_choices(models: FittedModels, rows: Rows, catalogue: Catalogue) -> F
 
 
 def replies_of(rows: Rows, catalogue: Catalogue, choices: F64, share: float = SHOT_SHARE) -> Bools:
-    """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module.
-
-    Args:
-        choices: the average player's, see :func:`average_choices`.
-        share: minimum share of a shot type.
-    """
+    """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module; ``choices``: the average
+    player's, see :func:`average_choices`; ``share``: minimum share of a shot type."""
     n, aimed = len(catalogue), rows.take(rows.codes["area"] >= 0)
     parts = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
     style = (catalogue.shot, catalogue.height, catalogue.technique)
@@ -182,28 +175,18 @@ def between_hands(replies: Bools, catalogue: Catalogue) -> Bools:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Support:
-    """Support in the data for every edge x -> y of a game, where y is the reply to x.
+    """Support in the data for every edge x -> y of a game, where y is the reply to x."""
 
-    Attributes:
-        strokes: ``[E]`` strokes in the innermost cell (for faults of unknown target, the expected number).
-        faults, winners: ``[E]`` number of these.
-        fault_range, winner_range: ``[E, 2]`` bounds of the predicted probabilities.
-    """
-
-    strokes: F64
-    faults: F64
-    winners: F64
-    fault_range: F64
-    winner_range: F64
+    strokes: F64  # [E] strokes in the innermost cell (for faults of unknown target, the expected number)
+    faults: F64  # [E] faults among them
+    winners: F64  # [E] winners among them
+    fault_range: F64  # [E, 2] bounds of the predicted probability of a fault
+    winner_range: F64  # [E, 2] bounds of that of a winner
 
 
 def support_of(rows: Rows, targets: F64, game: Game, *, opposite: bool = False) -> Support:
-    """Count the cells of every edge.
-
-    Args:
-        targets: ``[N, 9]`` probability of each target; one-hot where it is known.
-        opposite: whether the game is that of players with different hands.
-    """
+    """Count the cells of every edge; ``targets``: ``[N, 9]`` probability of each target; one-hot where it is known; ``opposite``:
+    whether the game is that of players with different hands."""
     which, area = np.nonzero(targets > 0)
     weight = targets[which, area]
     c = {name: code[which].astype(np.int64) for name, code in rows.codes.items()}
@@ -286,13 +269,9 @@ def empty_game(catalogue: Catalogue, replies: Bools) -> Game:
 
 
 def pair_probabilities(models: FittedModels, game: Game, support: Support, calm: Ints | None = None) -> PairProbabilities:
-    """Evaluate the models on base pairs, in double precision, clipped to the supported range.
-
-    Args:
-        game: the layout; its thresholds are ignored.
-        calm: numbers of base pairs whose strikers are not hurried: those are evaluated and, in the second half of the result,
-            those of hurried strikers that are equal otherwise; None: all base pairs, in their order.
-    """
+    """Evaluate the models on base pairs, in double precision, clipped to the supported range; ``game``: the layout; its
+    thresholds are ignored; ``calm``: numbers of base pairs whose strikers are not hurried: those are evaluated and, in the second
+    half of the result, those of hurried strikers that are equal otherwise (None: all base pairs, in their order)."""
     first = np.flatnonzero(game.hurried(game.base_pair_state) == 0) if calm is None else calm
     # Pairs of a striker who is not hurried, and those of a hurried one that are equal otherwise.
     late = game.base_pair_start[game.base_pair_state[first] + _HURRIED] + game.base_pair_rank[first]
@@ -357,10 +336,8 @@ def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
 
 
 def pair_log_choices(models: FittedModels, game: Game) -> F32:
-    """``[base pairs]`` log-probability of each stroke for the average player, before normalising over legal strokes.
-
-    Whole multiples of 1 / :data:`~shuttle_marl.game.shipped.CHOICE_UNITS`.
-    """
+    """``[base pairs]`` log-probability of each stroke for the average player, before normalising over legal strokes. Whole
+    multiples of 1 / :data:`~shuttle_marl.game.shipped.CHOICE_UNITS`."""
     state = np.flatnonzero(game.playable[: game.n_base_states])
     codes = _read(models, codes_of_states(game, state, opposite=models.opposite))
     choice = np.full((game.n_base_states, N_SHOTS * N_TECHNIQUES), np.nan)
@@ -398,15 +375,8 @@ def save_support(folder: Path, support: Support, opposite: Support) -> None:
 
 
 def load_support(folder: Path, *, opposite: bool = False) -> Support:
-    """Read the support of a model.
-
-    Args:
-        opposite: that in the game of players with different hands.
-
-    Raises:
-        ModelError: the file is missing, differs from the model card, or is invalid.
-        GameError: the model card cannot be read.
-    """
+    """Read the support of a model; ``opposite``: that in the game of players with different hands. Raises ModelError: the file is
+    missing, differs from the model card, or is invalid. Raises GameError: the model card cannot be read."""
     prefix = f"{shipped.OPPOSITE}." if opposite else ""
     with shipped.readable(folder, shipped.SUPPORT, "support", ModelError) as (_, arrays):
         edges = arrays[f"{prefix}strokes"].shape[:1]
@@ -454,12 +424,8 @@ class _Computed:
 
 @functools.lru_cache(maxsize=2)
 def model_stepper(game: Game) -> ModelStepper:
-    """The stepper of the models that a game was compiled from.
-
-    Raises:
-        OptionError: a game without models: of other tables, a variant of a model, of a pair, or with recovery.
-        ModelError: the models cannot be read.
-    """
+    """The stepper of the models that a game was compiled from. Raises OptionError: a game without models: of other tables, a
+    variant of a model, of a pair, or with recovery. Raises ModelError: the models cannot be read."""
     origin = shipped.origin_of(game)
     if origin is None or origin != shipped.Origin(origin.folder) or game.people is not None:
         raise OptionError(
@@ -470,11 +436,8 @@ def model_stepper(game: Game) -> ModelStepper:
 
 
 def codes_of_states(game: Game, state: Ints, *, opposite: bool) -> dict[str, I16]:
-    """``[N]`` codes of the context of states, without discipline.
-
-    Args:
-        opposite: whether striker and receiver have different hands.
-    """
+    """``[N]`` codes of the context of states, without discipline; ``opposite``: whether striker and receiver have different
+    hands."""
     catalogue = game.catalogue
     codes: dict[str, I16] = {}
     for name, stroke in (("own", game.own(state)), ("incoming", game.incoming(state))):
@@ -500,10 +463,7 @@ def codes_of_pairs(game: Game, pair: Ints, *, opposite: bool) -> dict[str, I16]:
 
 def layouts_of(rows: Rows, models: FittedModels) -> tuple[Game, Game]:
     """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
-
-    Raises:
-        ShuttleError: too few kinds of stroke occur often enough.
-    """
+    Raises ShuttleError: too few kinds of stroke occur often enough."""
     catalogue = catalogue_of(rows)
     try:
         replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue))

@@ -1,11 +1,9 @@
 """Evaluation and model cards: scores on unseen matches, health checks of the solved game, and what people play.
 
-The baseline of the scores is gradient-boosted trees with the same rows and features (LightGBM, Ke et al., NIPS 2017).
-
-Models that predict well can still make a bad game: a single wrong entry of the tables can make perfect play a stall or a single
-winning stroke. So every fit is solved exactly, and its card reports perfect play and the best response to the behaviour-cloned
-player, with warnings for values outside of their limits. No fit is selected by these values: that would let opinions on optimal
-play determine the game.
+The baseline of the scores is gradient-boosted trees with the same rows and features (LightGBM, Ke et al., NIPS 2017). A single
+wrong entry of the tables can make perfect play a stall or a single winning stroke, so every fit is solved exactly, and its card
+warns of values outside of their limits. No fit is selected by these values: that would let opinions on optimal play determine the
+game.
 """
 
 import math
@@ -259,8 +257,7 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {  # limits of the values of :fu
     "best_response_thin": (0.0, 0.25),
 }
 THIN: Final = 5.0  # a stroke with fewer real strokes in its innermost cell is thinly supported
-_ANY: Final = 0.5
-"""A stroke with fewer real strokes in its innermost cell has no support; faults of unknown target count in parts."""
+_ANY: Final = 0.5  # with fewer real strokes in its innermost cell a stroke has no support; faults count in parts
 
 
 def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:
@@ -360,13 +357,8 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
 
 
 def add_truth(folder: Path, truth: dict[str, Any]) -> None:
-    """Store the result of ``experiments.truth --json`` in the card of a model.
-
-    Raises:
-        ShuttleError: the result lacks a field.
-        GameError: the model card cannot be read.
-        FileWriteError: it cannot be written.
-    """
+    """Store the result of ``experiments.truth --json`` in the card of a model. Raises ShuttleError: the result lacks a field.
+    Raises GameError: the model card cannot be read. Raises FileWriteError: it cannot be written."""
     wanted = ("split", "cross", "train_only", "matches", "strokes", "decision_slope", "promised_realised")
     if missing := [name for name in wanted if name not in truth]:
         raise ShuttleError(f"not a result of experiments.truth: {', '.join(missing)} missing; create one with --json")

@@ -1,17 +1,10 @@
 """Features of the models: strokes in context, as integer codes.
 
-A stroke has attributes (shot type, area, contact height, technique). Its context consists of the attributes of the striker's
-previous stroke and of the incoming stroke, the contact height, whether the striker is hurried, and the discipline. Simulated
-strokes record who was hurried; of annotated ones, an index decides (:class:`Hurry`). A longer history improves no model on unseen
-matches.
-
-**Hands.** The strokes of a left-handed striker are mirrored, so the models know one frame, that of a right-handed striker, and
-read whether the receiver has the other hand. A game names areas as a right-handed receiver sees them (:attr:`Rows.game_codes`).
-
-**Target areas** have the same meaning for every outcome. Returned strokes were met before the floor, so the depth of other
-landings would reveal the outcome. They are moved along the line of flight: winners to the same quantile among the returned
-strokes of their shot type and contact height as among the winners of these, out strokes to at most the 90 % quantile
-(``docs/models.md``). Simulated strokes record the target itself and are not moved.
+A stroke has attributes (shot type, area, contact height, technique). Its context consists of those of the striker's previous and
+of the incoming stroke, the contact height, whether the striker is hurried (:class:`Hurry`), and the discipline; a longer history
+improves no model on unseen matches. Strokes of left-handed strikers are mirrored. Target areas mean the same for every outcome:
+where the shuttle fell to the floor, they are moved along the line of flight (``docs/models.md``); simulated strokes record the
+target.
 """
 
 import dataclasses
@@ -57,12 +50,10 @@ SLOTS: Final[dict[str, int]] = {  # number of values of each attribute
     "technique": N_TECHNIQUES,
     "area": N_AREAS,
 }
-STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))
-"""Attributes of the context, which the striker knows before choosing."""
+STATE: Final = tuple(name for name in SLOTS if name not in ("shot", "technique", "area"))  # what the striker knows
 ATTACK: Final = np.isin(SHOTS, ATTACKS)
 NET_SHOT: Final = np.isin(SHOTS, NET_SHOTS)
-MIN_LANDINGS: Final = 20
-"""With fewer winners or returned strokes of a shot type and height, both heights count; with still fewer none are moved."""
+MIN_LANDINGS: Final = 20  # winners, and returns, of a shot type and height; with fewer both heights count, or none move
 MOVEMENT: Final = (
     "contact_x", "contact_y", "striker_x", "striker_y", "reach", "moved", "forward", "sideways", "speed", "since", "before",
     "own_x", "own_y", "opponent_x", "opponent_y",
@@ -79,53 +70,34 @@ _ACROSS: Final = [MOVEMENT.index(name) for name in MOVEMENT if name.endswith("_x
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Rows:
-    """N strokes in context.
+    """N strokes in context, in the frame of a right-handed striker.
 
-    Attributes:
-        codes: ``[N]`` code of each of :data:`SLOTS` in the frame of a right-handed striker; ``area`` is the target area (see the
-            module), -1 where no landing was recorded; ``hands`` is 1 where the receiver has the other hand.
-        outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS.
-        landed: ``[N]`` recorded area as a right-handed receiver sees it, -1 where none was recorded.
-        next_contact: ``[N]`` contact height of the next stroke, -1 without one.
-        match: ``[N]`` index into ``matches``.
-        matches: names of the matches.
-        striker, receiver: ``[N]`` identifiers of the players.
-        stroke: ``[N]`` number of the stroke in its rally, from 1.
-        points: ``[N, 2]`` points of striker and receiver before the rally, -1 where they are not known.
-        attacks, opponent_attacks: ``[N]`` previous attacks (smashes, half-smashes) of striker and receiver in the rally; -1
-            where a dropped row may have been one.
-        net_run: ``[N]`` consecutive net shots up to the incoming stroke; -1 where a dropped row may have been the first.
-        movement: ``[N, 15]`` :data:`MOVEMENT`; NaN where a part is unknown, and for serves.
-        hurried: ``[N]`` whether the striker was hurried, -1 where that is not known; ``codes`` then have 0.
-        next_hurried: ``[N]`` that of the next stroke, -1 without one.
-        waiting: ``[N, 2]`` where the receiver stood at the hit, and ``meeting``: where they met the shuttle: distance from the
-            middle line towards their forehand side, and from the net [m]; NaN where that is not known.
-        hand, receiver_hand: ``[N]`` index into :data:`~shuttle_marl.game.court.HANDS`, -1 unknown, which counts as right.
-
-    The first stroke of a rally is a serve, so it is neither an attack nor a net shot even where its row was dropped.
+    ``codes`` has ``[N]`` codes of each of :data:`SLOTS`; ``area`` is the target area (see the module), -1 where no landing was
+    recorded; ``hands`` is 1 where the receiver has the other hand. The first stroke of a rally is a serve, so it is neither an
+    attack nor a net shot even where its row was dropped.
     """
 
     codes: dict[str, I16]
-    outcome: I8
-    reason: I8
-    landed: I16
-    next_contact: I8
-    match: I32
-    matches: tuple[str, ...]
-    striker: npt.NDArray[np.str_]
-    receiver: npt.NDArray[np.str_]
-    stroke: I16
-    points: I8
-    attacks: I16
-    opponent_attacks: I16
-    net_run: I16
-    movement: F32
-    hurried: I8
-    next_hurried: I8
-    waiting: F32
-    meeting: F32
-    hand: I8
-    receiver_hand: I8
+    outcome: I8  # [N] index into the schema's OUTCOMES
+    reason: I8  # [N] index into REASONS
+    landed: I16  # [N] recorded area as a right-handed receiver sees it, -1 where none was recorded
+    next_contact: I8  # [N] contact height of the next stroke, -1 without one
+    match: I32  # [N] index into `matches`
+    matches: tuple[str, ...]  # names of the matches
+    striker: npt.NDArray[np.str_]  # [N] identifier
+    receiver: npt.NDArray[np.str_]  # [N] identifier
+    stroke: I16  # [N] number of the stroke in its rally, from 1
+    points: I8  # [N, 2] points of striker and receiver before the rally, -1 where they are not known
+    attacks: I16  # [N] previous attacks (smashes, half-smashes) of the striker in the rally; -1 where a dropped row may be one
+    opponent_attacks: I16  # [N] those of the receiver
+    net_run: I16  # [N] consecutive net shots up to the incoming stroke; -1 where a dropped row may have been the first
+    movement: F32  # [N, 15] `MOVEMENT`; NaN where a part is unknown, and for serves
+    hurried: I8  # [N] whether the striker was hurried, -1 where that is not known; `codes` then have 0
+    next_hurried: I8  # [N] that of the next stroke, -1 without one
+    waiting: F32  # [N, 2] where the receiver stood [m]: to the forehand side of the middle line, and from the net; NaN: unknown
+    meeting: F32  # [N, 2] where they met the shuttle [m], likewise
+    hand: I8  # [N] index into `HANDS`, -1 unknown, which counts as right
+    receiver_hand: I8  # [N] likewise
 
     def __len__(self) -> int:
         return len(self.outcome)
@@ -163,11 +135,8 @@ class Rows:
         return {**self.codes, "area": np.broadcast_to(np.asarray(area, dtype=np.int16), (len(self),))}
 
     def marked(self, bits: I8) -> "Rows":
-        """Rows in playing order, with whether the striker was hurried where the table does not know it.
-
-        Args:
-            bits: ``[N]`` 1 where they were, 0 where not, -1 where that is not known.
-        """
+        """Rows in playing order, with whether the striker was hurried where the table does not know it; ``bits``: ``[N]`` 1 where
+        they were, 0 where not, -1 where that is not known."""
         hurried = np.where(self.hurried < 0, bits, self.hurried).astype(np.int8)
         following = np.where(self.next_contact >= 0, np.append(hurried[1:], np.int8(-1)), -1).astype(np.int8)
         codes = {**self.codes, "hurried": np.maximum(hurried, 0).astype(np.int16)}
@@ -191,11 +160,9 @@ def mirrored_where(left: Bools, area: I16) -> I16:
 
 
 def rows_from_strokes(strokes: pa.Table) -> Rows:
-    """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`).
-
-    The target areas of annotated winners and out strokes depend on the other strokes of the table. Whether strikers were hurried
-    stays unknown where the table does not know it; see :func:`shuttle_marl.dynamics.features.marked_rows`.
-    """
+    """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`). The target areas of annotated winners and
+    out strokes depend on the other strokes of the table. Whether strikers were hurried stays unknown where the table does not
+    know it; see :func:`shuttle_marl.dynamics.features.marked_rows`."""
     column = {
         name: strokes[name].to_numpy(zero_copy_only=False)
         for name in ("game", "rally", "stroke", "shot", "height", "technique", "outcome", "reason")
@@ -297,12 +264,8 @@ def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:
 
 
 def _receiver_places(strokes: pa.Table, left: Bools, after: Ints, returned: Bools) -> tuple[F32, F32]:
-    """:attr:`Rows.waiting` and :attr:`Rows.meeting` of each stroke.
-
-    Args:
-        left: ``[N]`` whether the receiver is left-handed.
-        after: ``[N]`` row of the next stroke, of those that were ``returned``.
-    """
+    """:attr:`Rows.waiting` and :attr:`Rows.meeting` of each stroke; ``left``: ``[N]`` whether the receiver is left-handed;
+    ``after``: ``[N]`` row of the next stroke, of those that were ``returned``."""
     at = {f"{who}_{axis}": strokes[f"{who}_{axis}"].to_numpy() for who in ("contact", "receiver") for axis in "xy"}
     # The receiver looks the other way: the striker's right is their left.
     waiting = np.stack([-at["receiver_x"], at["receiver_y"]], axis=1)
@@ -378,12 +341,8 @@ def _ranks(ordered: F64, values: F64) -> F64:
 
 
 def _counts(key: Ints, number: I16, shot: Ints) -> tuple[I16, I16, I16]:
-    """``[N]`` each: previous attacks of the striker, of the receiver, and consecutive net shots before each stroke.
-
-    Args:
-        key: ``[K, N]`` match, game and rally of each stroke; the strokes of a rally are consecutive, in playing order.
-        number: ``[N]`` number of the stroke in its rally, from 1.
-    """
+    """``[N]`` each: previous attacks of the striker, of the receiver, and consecutive net shots before each stroke; ``key``:
+    ``[K, N]`` match, game and rally of each stroke, in playing order; ``number``: ``[N]`` its number in the rally, from 1."""
     own, other, run = (np.zeros(len(number), dtype=np.int16) for _ in range(3))
     is_first = np.r_[True, (np.diff(key, axis=1) != 0).any(axis=0)]
     attack, net = ATTACK[shot], NET_SHOT[shot]
@@ -404,13 +363,9 @@ def _counts(key: Ints, number: I16, shot: Ints) -> tuple[I16, I16, I16]:
 
 
 def _lagged(key: Ints, number: I16, lag: int) -> tuple[I64, Bools]:
-    """``[N]`` row ``lag`` rows before each row, -1 outside the table, and whether it is the stroke so much earlier in the rally.
-
-    Args:
-        key: ``[3, N]`` match, game and rally of each stroke.
-        number: ``[N]`` number of the stroke in its rally.
-        lag: rows; negative for later ones.
-    """
+    """``[N]`` row ``lag`` rows before (negative: after) each row, -1 outside the table, and whether it is the stroke so much
+    earlier in the rally; ``key``: ``[3, N]`` match, game and rally of each stroke; ``number``: ``[N]`` its number in the
+    rally."""
     row = np.arange(len(number)) - lag
     row = np.where((row >= 0) & (row < len(number)), row, -1)
     return row, np.asarray((row >= 0) & (key[:, row] == key).all(axis=0) & (number - number[row] == lag))
@@ -421,11 +376,9 @@ _CODES: Final = ("incoming_shot", "incoming_technique", "contact")
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Hurry:
-    """Index of hurried strikers: K forests of T trees with M nodes each, and the thresholds.
-
-    Node m of a tree tests one input of a row (:meth:`inputs`), and sends the row to its first child where that is at most the
-    cut: to a later node, or to leaf -1 - child.
-    """
+    """Index of hurried strikers: K forests of T trees with M nodes each, and the thresholds. Node m of a tree tests one input of
+    a row (:meth:`inputs`), and sends the row to its first child where that is at most the cut: to a later node, or to leaf -1 -
+    child."""
 
     matches: tuple[str, ...]  # names of the matches of the fit; the k-th belongs to fold `fold[k]`
     fold: I32  # [matches] forest that was not fitted to each match; the last forest was fitted to all
@@ -488,12 +441,8 @@ class Hurry:
 
 
 def load_hurry(folder: Path) -> Hurry | None:
-    """Read the index of a model folder; None if the model has none.
-
-    Raises:
-        ShuttleError: the file differs from the model card, or is invalid.
-        GameError: the model card cannot be read.
-    """
+    """Read the index of a model folder; None if the model has none. Raises ShuttleError: the file differs from the model card, or
+    is invalid. Raises GameError: the model card cannot be read."""
     if not (folder / HURRY).is_file():
         return None
     with readable(folder, HURRY, "index of hurried strikers", ShuttleError) as tensors:
@@ -526,11 +475,8 @@ def _sums(inputs: F64, attribute: I32, cut: F64, child: I32, value: F64) -> F64:
 
 
 def check_nodes(attribute: I32, child: I32, inputs: int) -> None:
-    """Check that nodes ``[..., M]`` test one of the inputs, and have later nodes or leaves as children.
-
-    Raises:
-        ValueError: one does not.
-    """
+    """Check that nodes ``[..., M]`` test one of the inputs, and have later nodes or leaves as children. Raises ValueError: one
+    does not."""
     nodes = attribute.shape[-1]
     if not attribute.size:
         raise ValueError("trees without a node")

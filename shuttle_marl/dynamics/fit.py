@@ -4,7 +4,8 @@ import copy
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -21,10 +22,11 @@ from shuttle_marl.dynamics.compiled import (
     Support,
     compile_game,
     layouts_of,
+    load_support,
     pair_probabilities,
     support_of,
 )
-from shuttle_marl.dynamics.features import DISCIPLINES, Hurry, Rows
+from shuttle_marl.dynamics.features import DISCIPLINES, Rows
 from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.models import (
     QUICK,
@@ -52,6 +54,7 @@ from shuttle_marl.dynamics.models import (
 )
 from shuttle_marl.dynamics.modules import GOOD, HURRIED, Ensemble, MContact, MHurried, MRet, MSucc, Ridge
 from shuttle_marl.dynamics.skill import Predicted
+from shuttle_marl.game import shipped
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.pairs import COMPONENTS
 from shuttle_marl.game.shipped import MOST_STEPS, STEP, moved, steps_between
@@ -68,25 +71,15 @@ _LEAST_HURRIED: Final = 50  # minimum number of hurried receivers in a fit
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
-    """Result of a fit.
-
-    Attributes:
-        game: layout of the game, without thresholds.
-        support: support in the data of every edge of the game.
-        profiles: support in the strokes of each discipline.
-        opposite: layout and support of the game of players with different hands; None in fits with a given layout.
-        predicted: strokes by component with the average player's predictions from models that were not fitted to the match; and
-            those of ``hurried`` receivers, if they were fitted.
-        chosen: calibration, offsets, and the settings chosen on the validation matches with their scores.
-    """
+    """Result of a fit."""
 
     models: FittedModels
-    game: Game
-    support: Support
-    profiles: tuple[Support, ...]
-    opposite: tuple[Game, Support] | None
-    predicted: dict[str, Predicted]
-    chosen: dict[str, Any]
+    game: Game  # layout of the game, without thresholds
+    support: Support  # support in the data of every edge of the game
+    profiles: tuple[Support, ...]  # support in the strokes of each discipline
+    opposite: tuple[Game, Support] | None  # layout and support between different hands; None in fits with a given layout
+    predicted: dict[str, Predicted]  # by component, the average player's predictions for matches that models were not fitted to
+    chosen: dict[str, Any]  # calibration, offsets, and the settings chosen on the validation matches with their scores
 
     def profile(self, discipline: int) -> "Fit":
         """The fit of one discipline (index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES`)."""
@@ -116,16 +109,9 @@ def fit(
     layout: Game | None = None,
     report: Report,
 ) -> Fit:
-    """Fit all models.
-
-    Args:
-        validation: strokes in context of other matches, on which the strength of pooling is chosen; None: fit the average player
-            only.
-        layout: game whose layout is used; None: that of the strokes of train.
-
-    Raises:
-        ShuttleError: a split without strokes.
-    """
+    """Fit all models; ``validation``: strokes in context of other matches, on which the strength of pooling is chosen (None: fit
+    the average player only); ``layout``: game whose layout is used (None: that of the strokes of train). Raises ShuttleError: a
+    split without strokes."""
     if not len(train) or (validation is not None and not len(validation)):
         raise ShuttleError("the fit needs strokes of train and of validation matches; is the data complete?")
     config = config or EnsembleConfig()
@@ -277,32 +263,17 @@ _MAX_SHIFT: Final = 4.0
 _SMALL: Final = 0.01
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Prior:
-    """A model to be corrected."""
-
-    models: FittedModels
-    game: Game  # the game, whose layout the fit shares
-    support: Support  # support in its data
-    opposite: tuple[Game, Support]  # its game of players with different hands, and the support in that
-    hurry: Hurry | None  # its index of hurried strikers, if it has one
-    skill: F64 | None  # standard deviations of its offsets of players (`sd`), if it has any
-    refits: Sequence[Game]
-
-
-def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Report) -> Fit:
-    """Correct a model by a few matches.
-
-    Args:
-        train: strokes of matches to which the prior was not fitted.
-        validation: strokes of other matches, on which the shrinkage of choices is chosen; None: the weakest.
-    """
+def fit_from(folder: Path, train: Rows, validation: Rows, *, report: Report) -> Fit:
+    """Correct the model of a folder by a few matches to which it was not fitted; ``validation``: strokes of other matches, on
+    which the shrinkage of choices is chosen."""
+    models, game = FittedModels.load(folder), shipped.load_game(str(folder))
+    between = shipped.load_game(f"{folder}:{shipped.OPPOSITE}")
     parts = judged(train)
     known, good, met = (parts[name][0] for name in COMPONENTS)
-    shares = np.bincount(train.codes["discipline"], minlength=len(prior.models.share)) / len(train)
+    shares = np.bincount(train.codes["discipline"], minlength=len(models.share)) / len(train)
     report("choices of strokes, as a correction")
-    choosers, chosen = _with_choices(prior.models.choosers, train, validation)
-    models = dataclasses.replace(prior.models, m_choice=choosers["choice"], m_target=choosers["target"], share=shares)
+    choosers, chosen = _with_choices(models.choosers, train, validation)
+    models = dataclasses.replace(models, m_choice=choosers["choice"], m_target=choosers["target"], share=shares)
     report("faults, returns and contacts, as corrections")
     by_target = (dataclasses.replace(known, codes=known.with_area(area)) for area in range(N_AREAS))
     fault = np.stack([log_odds(_over_bit(models.fault, models, rows)) for rows in by_target], axis=1)
@@ -328,25 +299,25 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     )
     logits = (log_odds(marginal(shifts["success"])), returned + shifts["return"], above + shifts["contact"])
     predicted = {name: Predicted(*parts[name], logit) for name, logit in zip(COMPONENTS, logits, strict=True)}
-    if validation is not None:
-        report("choices of players")
-        choices, chosen["choices"] = player_choices(choosers, train, validation, None)
-        models = dataclasses.replace(models, choices=choices)
+    report("choices of players")
+    choices, chosen["choices"] = player_choices(choosers, train, validation, None)
+    models = dataclasses.replace(models, choices=choices)
     intended = intended_targets(models.m_target, models.m_succ.network, known)
-    support = _moved(prior.support, shifts, support_of(known, intended, prior.game))
-    between, theirs = prior.opposite
-    opposite = between, _moved(theirs, shifts, support_of(known, intended, between, opposite=True))
+    support, opposite = (
+        _moved(load_support(folder, opposite=other), shifts, support_of(known, intended, layout, opposite=other))
+        for layout, other in ((game, False), (between, True))
+    )
     chosen |= {
         "calibration": models.calibration.tolist(),
         "situations": {"effort": models.situations.effort.tolist(), "duel": models.situations.duel},
-        "prior": {"game": prior.game.hash, "shifts": shifts, "deviations": deviations},
+        "prior": {"game": game.hash, "shifts": shifts, "deviations": deviations},
     }
     return Fit(
         models=models,
-        game=prior.game,
+        game=game,
         support=support,
         profiles=(support, support),
-        opposite=opposite,
+        opposite=(between, opposite),
         predicted=predicted,
         chosen=chosen,
     )
@@ -374,16 +345,14 @@ def shift_of(probability: Callable[[float], F64], label: Bools) -> tuple[float, 
     return shift, 1 / math.sqrt(max(curvature, PRECISION))
 
 
-def _with_choices(
-    networks: dict[str, Ensemble], train: Rows, validation: Rows | None
-) -> tuple[dict[str, Ensemble], dict[str, Any]]:
+def _with_choices(networks: dict[str, Ensemble], train: Rows, validation: Rows) -> tuple[dict[str, Ensemble], dict[str, Any]]:
     """The choice and target networks with corrected frequencies of shot types and techniques, and of areas."""
-    corrected, chosen, none = dict(networks), {}, train.take(np.zeros(len(train), np.bool_))
+    corrected, chosen = dict(networks), {}
     for name in ("choice", "target"):
         network = networks[name]
         ours, others = (
             Choices(mean_probabilities(network, rows.codes), *2 * (np.zeros(len(rows), np.int64),), labels_of(name, rows))
-            for rows in (part.take(labelled(name, part)) for part in (train, none if validation is None else validation))
+            for rows in (part.take(labelled(name, part)) for part in (train, validation))
         )
         loss, precision, shifts = best_shifts(ours, others, 1, 1)
         shift = shifts[0, 0]
@@ -412,18 +381,14 @@ def _moved(support: Support, shifts: dict[str, float], own: Support) -> Support:
     )
 
 
-def refits_from(prior: Prior, game: Game, deviations: Mapping[str, float], seed: int, number: int) -> dict[str, Game]:
-    """Refits of a corrected model: those of the prior, moved like the model, each by other draws of the shifts.
-
-    Args:
-        deviations: standard deviation of the shift of each component.
-        number: of refits, at most as many as the prior has.
-    """
+def refits_from(prior: Game, game: Game, deviations: Mapping[str, float], seed: int, number: int) -> dict[str, Game]:
+    """The first refits of a corrected game: those of the prior, moved like it, each by other draws of the shifts, whose standard
+    deviations by component are given."""
     found = {}
-    for k, refit in enumerate(prior.refits[:number], 1):
+    for k, refit in enumerate(shipped.refits_of(prior)[:number], 1):
         # A shift of the returns moves the winners by as much, and one of the contacts above those below.
         drawn = np.random.default_rng([seed, k]).normal(0, [deviations[name] for name in COMPONENTS]) / STEP
-        steps = steps_between(prior.game, refit).astype(np.int64)
+        steps = steps_between(prior, refit).astype(np.int64)
         steps[: len(COMPONENTS)] += np.rint(drawn).astype(np.int64)[:, None]  # the chance of a hurried receiver stays
         found[str(k)] = moved(game, np.clip(steps, -MOST_STEPS, MOST_STEPS).astype(np.int8), refit.fault_odds)
     return found

@@ -14,22 +14,9 @@ from shuttle_marl.base.arrays import F64, I16, I64, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash, parsed, replace_file
 from shuttle_marl.base.tensor_files import checked, tensor_bytes
+from shuttle_marl.dynamics import modules
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.models import log_odds, mean_probabilities
-from shuttle_marl.dynamics.modules import (
-    HURRIED,
-    RIDGE_SIZES,
-    SPECS,
-    Ensemble,
-    MContact,
-    MHurried,
-    MRet,
-    MSucc,
-    Ridge,
-    Situations,
-    Trees,
-    in_chunks,
-)
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.shipped import NETWORKS, model_folder, readable
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
@@ -74,29 +61,21 @@ def tilted(probabilities: F64, shift: F64) -> F64:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class FittedModels:
-    """The fitted models.
+    """The fitted models; those of outcomes are the modules of :mod:`shuttle_marl.dynamics.modules`."""
 
-    Attributes:
-        m_choice, m_target: what strikers choose (``choice`` and ``target`` of :data:`shuttle_marl.dynamics.modules.SPECS`).
-        m_succ, m_ret, m_contact, m_hurried: the outcome models (:mod:`shuttle_marl.dynamics.modules`).
-        situations: effect of effort and long duels on the log-odds of a fault.
-        share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
-        opposite: whether striker and receiver have different hands; both are right-handed otherwise.
-    """
-
-    m_choice: Ensemble
-    m_target: Ensemble
-    m_succ: MSucc
-    m_ret: MRet
-    m_contact: MContact
-    m_hurried: MHurried
-    situations: Situations
-    share: F64
+    m_choice: modules.Ensemble  # what strikers choose: `choice` of `modules.SPECS`
+    m_target: modules.Ensemble  # and `target`
+    m_succ: modules.MSucc
+    m_ret: modules.MRet
+    m_contact: modules.MContact
+    m_hurried: modules.MHurried
+    situations: modules.Situations  # effect of effort and long duels on the log-odds of a fault
+    share: F64  # [2] fraction of each discipline in the training strokes, the weights of the average game
     choices: PlayerChoices
-    opposite: bool = False
+    opposite: bool = False  # whether striker and receiver have different hands; both are right-handed otherwise
 
     @property
-    def choosers(self) -> dict[str, Ensemble]:
+    def choosers(self) -> dict[str, modules.Ensemble]:
         """The models of choices by name."""
         return {"choice": self.m_choice, "target": self.m_target}
 
@@ -116,15 +95,15 @@ class FittedModels:
 
     def fault(self, codes: dict[str, I16]) -> F64:
         """``[N]`` probability that the striker faults, for a known target (``area``), at effort 0 and outside of long duels."""
-        return in_chunks(lambda part: torch.sigmoid(self.m_succ.fault_logit(part)), codes)
+        return modules.in_chunks(lambda part: torch.sigmoid(self.m_succ.fault_logit(part)), codes)
 
     def returned(self, codes: dict[str, I16]) -> F64:
         """``[N]`` probability that the opponent returns a good stroke."""
-        return in_chunks(self.m_ret, codes)
+        return modules.in_chunks(self.m_ret, codes)
 
     def above(self, codes: dict[str, I16]) -> F64:
         """``[N]`` probability that a returned stroke is met above the net."""
-        return in_chunks(self.m_contact, codes)
+        return modules.in_chunks(self.m_contact, codes)
 
     @property
     def knows_hurried(self) -> bool:
@@ -133,7 +112,7 @@ class FittedModels:
 
     def hurried(self, codes: dict[str, I16]) -> F64:
         """``[N, 2]`` probability that who returns a stroke is hurried, if they meet it below and above the net; 0 if unknown."""
-        return in_chunks(self.m_hurried, codes)
+        return modules.in_chunks(self.m_hurried, codes)
 
     def fault_without_target(self, rows: Rows) -> F64:
         """``[N]`` probability of a fault, marginalised over the target."""
@@ -184,28 +163,28 @@ class FittedModels:
 
     @classmethod
     def load(cls, folder: Path) -> "FittedModels":
-        """Read a folder written by :meth:`save`.
-
-        Raises:
-            ModelError: the file is missing, differs from the model card, or is invalid.
-            GameError: the model card cannot be read.
-        """
+        """Read a folder written by :meth:`save`. Raises ModelError: the file is missing, differs from the model card, or is
+        invalid. Raises GameError: the model card cannot be read."""
         with readable(folder, NETWORKS, "model", ModelError) as (header, arrays):
             described = parsed(header["model"])
-            networks = {name: _network(name, arrays) for name in SPECS}
+            networks = {name: _network(name, arrays) for name in modules.SPECS}
             players = tuple(map(str, described["players"]))
             m = len(players)
             styles = (m, SLOTS["incoming_shot"], SLOTS["contact"], N_SHOTS * N_TECHNIQUES)
-            trees = {name: Trees.checked(part) for name in (*SPECS, *HURRIED) if (part := _part(f"trees.{name}", arrays))}
-            ridge = Ridge(checked(arrays["ridge"], np.float64, (1 + sum(RIDGE_SIZES),)))
+            trees = {
+                name: modules.Trees.checked(part)
+                for name in (*modules.SPECS, *modules.HURRIED)
+                if (part := _part(f"trees.{name}", arrays))
+            }
+            ridge = modules.Ridge(checked(arrays["ridge"], np.float64, (1 + sum(modules.RIDGE_SIZES),)))
             lines = checked(arrays["calibration"], np.float64, (5, 2))
             return cls(
                 m_choice=networks["choice"],
                 m_target=networks["target"],
-                m_succ=MSucc(networks["success"], trees["success"], lines[0]),
-                m_ret=MRet(networks["return"], trees["return"], ridge, lines[1]),
-                m_contact=MContact(networks["contact"], trees["contact"], lines[2]),
-                m_hurried=MHurried({name: trees[name] for name in HURRIED if name in trees}, lines[3:]),
+                m_succ=modules.MSucc(networks["success"], trees["success"], lines[0]),
+                m_ret=modules.MRet(networks["return"], trees["return"], ridge, lines[1]),
+                m_contact=modules.MContact(networks["contact"], trees["contact"], lines[2]),
+                m_hurried=modules.MHurried({name: trees[name] for name in modules.HURRIED if name in trees}, lines[3:]),
                 situations=_situations(described, arrays),
                 share=checked(arrays["share"], np.float64, (len(DISCIPLINES),)),
                 choices=PlayerChoices(
@@ -217,12 +196,8 @@ class FittedModels:
 
 
 def load_models(name: str = "default") -> FittedModels:
-    """The fitted models of a shipped model, or of the model in a folder.
-
-    Raises:
-        GameError: the model does not exist, or its card cannot be read.
-        ModelError: its file is missing or invalid.
-    """
+    """The fitted models of a shipped model, or of the model in a folder. Raises GameError: the model does not exist, or its card
+    cannot be read. Raises ModelError: its file is missing or invalid."""
     return FittedModels.load(model_folder(name))
 
 
@@ -230,21 +205,21 @@ def _part(name: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArr
     return {key.removeprefix(f"{name}."): array for key, array in arrays.items() if key.startswith(f"{name}.")}
 
 
-def _network(name: str, arrays: dict[str, npt.NDArray[Any]]) -> Ensemble:
+def _network(name: str, arrays: dict[str, npt.NDArray[Any]]) -> modules.Ensemble:
     """A network from its weights, whose shapes tell the numbers of members and of hidden units."""
     weights = _part(name, arrays)
     _, members, hidden = weights["first"].shape
     with torch.device("meta"):
-        network = Ensemble(dataclasses.replace(SPECS[name], members=members, hidden=hidden))
+        network = modules.Ensemble(dataclasses.replace(modules.SPECS[name], members=members, hidden=hidden))
     state = {key: torch.from_numpy(checked(weight, np.float16, weight.shape)).double() for key, weight in weights.items()}
     network.load_state_dict(state, assign=True)
     return network.requires_grad_(False).eval()
 
 
-def _situations(described: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> Situations:
+def _situations(described: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) -> modules.Situations:
     duel = checked(np.array([float(described["duel"]), float(described["duel_share"])]), np.float64, (2,))
     effort = checked(arrays["effort"], np.float64, arrays["effort"].shape[:1])
-    return Situations(
+    return modules.Situations(
         effort=effort,
         duel=float(duel[0]),
         effort_share=checked(arrays["effort_share"], np.float64, (SLOTS["own_shot"], len(effort))),

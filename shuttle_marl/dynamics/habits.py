@@ -33,39 +33,27 @@ from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, S
 
 NONE: Final = N_SHOTS  # code of a previous stroke that does not exist; larger codes are unknown
 DIRECTIONS: Final = ("straight", "middle", "cross")
-DIRECTED: Final = ("smash", "half-smash", "drop", "clear", "lift", "drive", "push")
-"""Shot types that are called straight or cross-court."""
+DIRECTED: Final = ("smash", "half-smash", "drop", "clear", "lift", "drive", "push")  # called straight or cross
 _LEAST_DEGREES: Final = 10
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Plays:
-    """N strokes.
+    """N strokes."""
 
-    Attributes:
-        own, incoming: ``[N]`` shot type of the striker's own last and of the incoming stroke; :data:`NONE`, or larger if unknown.
-        met: ``[N]`` area in which the striker strikes; -1 if unknown or serving.
-        contact, shot, technique, area: ``[N]`` of the stroke; area -1 if unknown.
-        hurried: ``[N]`` whether the striker is hurried, 1 or 0; -1: not known.
-        waits: ``[N]`` position (:data:`~shuttle_marl.game.recovery.POSITIONS`) of the striker at the next stroke; -1: not known.
-        opposite: ``[N]`` whether the receiver has the other hand.
-        fault, winner: ``[N]`` whether they ended the rally so.
-        group: ``[N]`` cluster of alike strokes: number of the match.
-    """
-
-    own: I64
-    incoming: I64
-    met: I64
-    contact: I64
-    shot: I64
-    technique: I64
-    area: I64
-    hurried: I64
-    waits: I64
-    opposite: Bools
-    fault: Bools
-    winner: Bools
-    group: I64
+    own: I64  # [N] shot type of the striker's last stroke; `NONE`, or larger if unknown
+    incoming: I64  # [N] that of the incoming stroke, likewise
+    met: I64  # [N] area in which the striker strikes; -1 if unknown or serving
+    contact: I64  # [N] contact height
+    shot: I64  # [N] shot type
+    technique: I64  # [N] technique
+    area: I64  # [N] where it landed; -1 if unknown
+    hurried: I64  # [N] whether the striker is hurried, 1 or 0; -1: not known
+    waits: I64  # [N] position (`POSITIONS`) of the striker at the next stroke; -1: not known
+    opposite: Bools  # [N] whether the receiver has the other hand
+    fault: Bools  # [N] whether it ended the rally as a fault
+    winner: Bools  # [N] whether it ended the rally as a winner
+    group: I64  # [N] cluster of alike strokes: number of the match
 
     def __len__(self) -> int:
         return len(self.shot)
@@ -240,11 +228,8 @@ def save_habits(folder: Path, strokes: pa.Table, players: Sequence[str]) -> None
 
 @functools.cache
 def load_habits(folder: Path) -> Mapping[str, tuple[Tally, Tally]]:
-    """Read the tallies of a model folder: of each player, and of all others of the discipline.
-
-    Raises:
-        GameError: the model has none, or its file is damaged.
-    """
+    """Read the tallies of a model folder: of each player, and of all others of the discipline. Raises GameError: the model has
+    none, or its file is damaged."""
     if not (folder / HABITS).is_file():
         raise GameError(
             f"{folder}: this model has no habits of players ({HABITS}); fit the model again, or name one that has them"

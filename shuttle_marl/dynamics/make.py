@@ -24,15 +24,15 @@ from shuttle_marl.data.matches import copies
 from shuttle_marl.data.table import strokes_hash
 from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.boosting import fit_hurry
-from shuttle_marl.dynamics.choices import fit_history, load_history
-from shuttle_marl.dynamics.compiled import THREADS, load_support, pair_log_choices, save_support
+from shuttle_marl.dynamics.choices import fit_history
+from shuttle_marl.dynamics.compiled import THREADS, pair_log_choices, save_support
 from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, health, play_of_people, variety_of, write_card
 from shuttle_marl.dynamics.features import Hurry, Rows, load_hurry, marked_rows, rows_from_strokes
-from shuttle_marl.dynamics.fit import Fit, Prior, Report, fit, fit_from, refits_from
+from shuttle_marl.dynamics.fit import Fit, Report, fit, fit_from, refits_from
 from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
 from shuttle_marl.dynamics.models import QUICK, EnsembleConfig
-from shuttle_marl.dynamics.recovery import copied_recovery, save_recovery
+from shuttle_marl.dynamics.recovery import save_recovery
 from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game import shipped
@@ -56,15 +56,9 @@ def rows_of(rows: Rows, split: Split) -> Rows:
 
 
 def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
-    """Split rows by match into training and validation.
-
-    Args:
-        share: fraction of the unpublished matches for validation, at least one and not all, in the order of the SHA-256 of their
-            names; None: all matches are published ones, whose split is fixed.
-
-    Raises:
-        ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split.
-    """
+    """Split rows by match into training and validation; ``share``: fraction of the unpublished matches for validation, at least
+    one and not all, in the order of the SHA-256 of their names (None: all matches are published ones, whose split is fixed).
+    Raises ShuttleError: an invalid share, a share without unpublished matches or vice versa, or an empty split."""
     names = [rows.matches[i] for i in np.unique(rows.match)]
     own = sorted((name for name in names if split_of(name) is None), key=lambda name: content_hash(name.encode()))
     if share is None:
@@ -85,14 +79,8 @@ def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
 
 
 def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
-    """Refuse too little data.
-
-    Args:
-        prior: whether the fit corrects a model.
-
-    Raises:
-        ShuttleError: too few matches or strokes; with the required number and the reason.
-    """
+    """Refuse too little data; ``prior``: whether the fit corrects a model. Raises ShuttleError: too few matches or strokes; with
+    the required number and the reason."""
     matches, needed = len(np.unique(train.match)), 1 if prior else MIN_MATCHES
     if matches < needed or not len(validation):
         raise ShuttleError(
@@ -112,10 +100,8 @@ def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
 
 
 def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
-    """Bootstrap resample of the matches, by discipline.
-
-    Copies of a match have the same number, so networks that leave it out leave out all copies.
-    """
+    """Bootstrap resample of the matches, by discipline. Copies of a match have the same number, so networks that leave it out
+    leave out all copies."""
     rng = np.random.default_rng(seed)
     matches, first = np.unique(rows.match, return_index=True)
     discipline = rows.codes["discipline"][first]
@@ -123,8 +109,7 @@ def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
     return rows.take(np.concatenate([np.flatnonzero(rows.match == match) for match in np.sort(np.concatenate(names))]))
 
 
-ENOUGH_STROKES: Final = 20_000
-"""Strokes that fill most cells, and show what people play in 1 % of cases; with fewer, both are a warning."""
+ENOUGH_STROKES: Final = 20_000  # they fill most cells, and show what people play in 1 % of cases; with fewer, a warning
 
 
 @own_settings(THREADS)
@@ -169,32 +154,32 @@ def fit_model(
     train, validation = train_and_validation(rows, validation_share)
     require_enough(train, validation, prior=prior is not None)
     model = None if prior is None else shipped.model_folder(prior)
-    start = None if model is None else _prior(model)
+    start, about = (None, {}) if model is None else (shipped.load_game(str(model)), shipped.read_model_card(model))
     report("hurried strikers")
-    hurry = fit_hurry(train, seed=seed) if start is None else start.hurry
+    hurry = fit_hurry(train, seed=seed) if model is None else load_hurry(model)
     if hurry is not None:
         train, validation = hurry.marked(train), hurry.marked(validation)
     refits = _checked_refits(refits, len(np.unique(train.match)), start)
     sources = dict(zip(strokes["match"].to_pylist(), strokes["source"].to_pylist(), strict=True))
-    if start is None:
+    if model is None:
         fitted = fit(train, validation, seed=seed, config=config, report=report)
     else:
-        fitted = fit_from(start, train, validation, report=report)
-    game, variants, skill, clipped, solved = save_fit(out, fitted, sources, None if start is None else start.skill, report=report)
+        fitted = fit_from(model, train, validation, report=report)
+    game, variants, skill, clipped, solved = save_fit(out, fitted, sources, deviations_in(about), report=report)
     fitted_on = pa.array([train.matches[i] for i in np.unique(train.match).tolist()])
-    if hurry is None:
-        (out / shipped.HURRY).unlink(missing_ok=True)  # of a replaced model
-    else:
-        hurry.save(out / shipped.HURRY)
-    report("positions of receivers")
-    recovery = save_recovery(out, train, fitted.predicted) if model is None else copied_recovery(out, model)
-    report("choices by the rally so far")
-    history: dict[str, dict[str, float]] = {}
     if model is None:
+        if hurry is None:
+            (out / shipped.HURRY).unlink(missing_ok=True)  # of a replaced model
+        else:
+            hurry.save(out / shipped.HURRY)
+        report("positions of receivers")
+        recovery = save_recovery(out, train, fitted.predicted)
+        report("choices by the rally so far")
         shifts, history = fit_history(fitted.models.choosers, train, validation, (config or EnsembleConfig()).folds)
+        replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))
     else:
-        shifts = load_history(model)
-    replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))
+        take_over(out, model, shipped.HURRY, shipped.POSITIONS, shipped.HISTORY)
+        recovery, history = about.get("recovery"), {}
     save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), skill.skill.players)
     card = {
         "name": out.name,
@@ -231,7 +216,7 @@ def fit_model(
     if start is not None:
         variants |= refits_from(start, game, fitted.chosen["prior"]["deviations"], seed, refits)
     save_variants(out, game, variants, card)
-    if refits and start is None:
+    if refits and model is None:
         task = functools.partial(_refit, train=train, layout=game, seed=seed, config=config or QUICK)
         with contextlib.nullcontext() if jobs == 1 else WorkerPool(min(jobs, refits)) as pool:
             apply = map if pool is None else pool.map
@@ -254,7 +239,6 @@ def _refit(number: int, *, train: Rows, layout: Game, seed: int, config: Ensembl
 
 
 def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, Any]:
-    """Share of hurried strikers, whether positions are known, and what marked them: the table, the index, that of the prior."""
     rally = train.stroke > 1
     known = train.hurried[rally] >= 0
     by = None if not known.any() else "table" if hurry is None else "index" if prior is None else "prior"
@@ -315,12 +299,13 @@ def save_fit(
     return game, variants, skill, float(probabilities.clipped.mean()), solved
 
 
-def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> int:
+def _checked_refits(refits: int | None, matches: int, prior: Game | None) -> int:
     """Number of refits; refused where there are too few matches for them, or more than the prior has."""
     if prior is not None:
-        if refits is not None and refits > len(prior.refits):
-            raise ShuttleError(f"--refits {refits}: the model of --prior has {len(prior.refits)}, which are corrected too")
-        return len(prior.refits) if refits is None else refits
+        known = len(shipped.refits_of(prior))
+        if refits is not None and refits > known:
+            raise ShuttleError(f"--refits {refits}: the model of --prior has {known}, which are corrected too")
+        return known if refits is None else refits
     if refits is None:
         return shipped.REFITS if matches >= MIN_MATCHES_FOR_REFITS else 0
     if refits and matches < MIN_MATCHES_FOR_REFITS:
@@ -331,27 +316,21 @@ def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> in
     return refits
 
 
-def _prior(folder: Path) -> Prior:
-    game = shipped.load_game(str(folder))
-    return Prior(
-        models=FittedModels.load(folder),
-        game=game,
-        support=load_support(folder),
-        opposite=(shipped.load_game(f"{folder}:{shipped.OPPOSITE}"), load_support(folder, opposite=True)),
-        hurry=load_hurry(folder),
-        skill=deviations_in(shipped.read_model_card(folder)),
-        refits=shipped.refits_of(game),
-    )
+def take_over(folder: Path, model: Path, *names: str) -> None:
+    """Copy what a few matches do not tell from a prior model, as far as it has it. Raises GameError: a file is damaged."""
+    for name in names:
+        if (model / name).is_file():
+            with shipped.readable(model, name, "table"):
+                content = (model / name).read_bytes()
+            replace_file(folder / name, content)
+        else:
+            (folder / name).unlink(missing_ok=True)  # of a replaced model
 
 
 def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles: Mapping[str, F32], opposite: F32) -> None:
-    """Write the behaviour-cloned players of a model.
-
-    Args:
-        log_choice: ``[base pairs]`` log-probabilities of the average player.
-        profiles: those of the average player of each discipline.
-        opposite: ``[base pairs]`` those in the game of players with different hands.
-    """
+    """Write the behaviour-cloned players of a model; ``log_choice``: ``[base pairs]`` log-probabilities of the average player;
+    ``profiles``: those of the average player of each discipline; ``opposite``: ``[base pairs]`` those in the game of players with
+    different hands."""
 
     def units(values: F32) -> I16:
         return np.rint(values * shipped.CHOICE_UNITS).astype(np.int16)

@@ -1,25 +1,14 @@
-"""Fits of the models from strokes in context, and of what corrects them.
+"""Fits of the models from strokes in context, and of what corrects them; ``docs/models.md`` describes the models.
 
-========  =======================================  ==================================================
-network   inputs                                   prediction
-========  =======================================  ==================================================
-choice    the state                                shot type and technique
-target    the state, shot type, technique          target area
-success   the state and the whole stroke           good, out, or short (net, short of the net, foul)
-return    the state and the whole stroke           the opponent returns a good stroke
-contact   the state and the whole stroke           the opponent meets it above the net
-(hurried) the state and the whole stroke           who meets it is hurried: trees, one model for each contact height
-========  =======================================  ==================================================
-
-**Targets of faults are latent**: target and success networks are fitted by expectation maximisation over the nine areas
-(``docs/models.md``).
+Networks predict shot type and technique (``choice``), the target area given these (``target``), whether a stroke is good, out or
+short: net, short of the net, foul (``success``), whether the opponent returns it (``return``), and meets it above the net
+(``contact``). Targets of faults are latent: target and success networks are fitted by expectation maximisation over the nine
+areas.
 
 **Return and contact are blends**, means of logits: of the network, of small boosted trees, and, for the return, of a ridge
 logistic regression on products of attributes. Adaptive optimisers overfit rare products, because they move them as fast as common
-ones; the ridge shrinks products the more, the rarer they are, and trees group codes of an attribute with similar effects.
-
-**Trees correct the success model.** They do not read the target, so they add the same to the logit of a fault at every target,
-and are fitted to out-of-fold predictions.
+ones; the ridge shrinks products the more, the rarer they are, and trees group codes of an attribute with similar effects. Trees
+correct the success model too: they do not read the target, and are fitted to out-of-fold predictions.
 """
 
 import dataclasses
@@ -36,35 +25,15 @@ from torch.nn import functional
 
 from shuttle_marl.base.arrays import F64, I16, I64, Bools, Floats, Ints
 from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.dynamics import modules
 from shuttle_marl.dynamics.boosting import PARAMETERS, lightgbm, stored_trees
 from shuttle_marl.dynamics.features import NET_SHOT, SLOTS, Rows
-from shuttle_marl.dynamics.modules import (
-    GOOD,
-    INPUTS,
-    LEVELS,
-    LONG_DUEL,
-    OUT,
-    RIDGE,
-    RIDGE_SCALES,
-    RIDGE_SIZES,
-    SHORT,
-    SPECS,
-    Ensemble,
-    NetworkSpec,
-    Ridge,
-    Situations,
-    Trees,
-    attributes,
-    encode,
-)
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_TECHNIQUES
 
-Loss = Callable[[Tensor, Tensor], Tensor]
-"""From the logits ``[K, B', outputs]`` of a batch and its row numbers ``[B]`` to losses ``[K, B]``."""
+Loss = Callable[[Tensor, Tensor], Tensor]  # from the logits [K, B', outputs] of a batch and its row numbers [B] to losses [K, B]
 _PENALTY: Final = 2.0
-_GRADIENT: Final = 0.5
-"""Norm of the gradient at convergence of the ridge regression; its logits are then accurate to some thousandths."""
+_GRADIENT: Final = 0.5  # norm of the gradient at convergence of the ridge; logits are accurate to some thousandths
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -81,19 +50,18 @@ class EnsembleConfig:
     members: int | None = None  # size of the ensemble; None: that of its `NetworkSpec`
 
 
-QUICK: Final = EnsembleConfig(folds=5, members=5)
-"""Half the cost, for refits and cross-validation; the out-of-fold log-loss is at most .2 % higher."""
+QUICK: Final = EnsembleConfig(folds=5, members=5)  # half the cost, for refits; log-loss at most .2 % higher
 
 
 def fault_class(rows: Rows) -> I64:
     """``[N]`` GOOD, OUT or SHORT; faults of unknown kind count as short."""
     fault = rows.outcome == Outcome.FAULT
-    return np.where(~fault, GOOD, np.where(rows.reason == REASONS.index("out"), OUT, SHORT))
+    return np.where(~fault, modules.GOOD, np.where(rows.reason == REASONS.index("out"), modules.OUT, modules.SHORT))
 
 
 def latent_target(rows: Rows) -> Bools:
     """``[N]`` whether the target is unknown: the shuttle fell short, or no landing was recorded."""
-    return (fault_class(rows) == SHORT) | (rows.codes["area"] < 0)
+    return (fault_class(rows) == modules.SHORT) | (rows.codes["area"] < 0)
 
 
 def softmax(logits: F64) -> F64:
@@ -119,15 +87,15 @@ def log_loss(label: Bools, p: F64) -> float:
     return float(-np.where(label, np.log(p), np.log1p(-p)).mean())
 
 
-def mean_probabilities(network: Ensemble, codes: dict[str, I16]) -> F64:
+def mean_probabilities(network: modules.Ensemble, codes: dict[str, I16]) -> F64:
     """``[N, outputs]`` probabilities of the classes, averaged over the ensemble."""
     return np.asarray(softmax(network.logits(codes)).mean(axis=0))
 
 
-def fit_choice(rows: Rows, config: EnsembleConfig, seed: int) -> Ensemble:
+def fit_choice(rows: Rows, config: EnsembleConfig, seed: int) -> modules.Ensemble:
     """Fit the choice of shot types and techniques, on all strokes."""
     label = labels_of("choice", rows)
-    prior = np.log(np.bincount(label, minlength=SPECS["choice"].outputs) + 1.0)
+    prior = np.log(np.bincount(label, minlength=modules.SPECS["choice"].outputs) + 1.0)
     labels = torch.from_numpy(label)
 
     def loss(logits: Tensor, batch: Tensor) -> Tensor:
@@ -135,10 +103,10 @@ def fit_choice(rows: Rows, config: EnsembleConfig, seed: int) -> Ensemble:
         y = labels[batch].expand(k, n)
         return functional.cross_entropy(logits.reshape(k * n, c), y.reshape(-1), reduction="none").view(k, n)
 
-    return fit_ensemble(SPECS["choice"], rows.codes, loss, rows.match, prior - prior.max(), config, seed)
+    return fit_ensemble(modules.SPECS["choice"], rows.codes, loss, rows.match, prior - prior.max(), config, seed)
 
 
-def fit_target(rows: Rows, weights: F64, config: EnsembleConfig, seed: int) -> Ensemble:
+def fit_target(rows: Rows, weights: F64, config: EnsembleConfig, seed: int) -> modules.Ensemble:
     """Fit the target areas to soft labels; ``weights``: ``[N, 9]`` probability of each target; rows of zeros are left out."""
     used = weights.sum(axis=1) > 0
     rows = rows.take(used)
@@ -148,15 +116,12 @@ def fit_target(rows: Rows, weights: F64, config: EnsembleConfig, seed: int) -> E
     def loss(logits: Tensor, batch: Tensor) -> Tensor:
         return -(soft[batch] * torch.log_softmax(logits, dim=-1)).sum(dim=-1)
 
-    return fit_ensemble(SPECS["target"], rows.codes, loss, rows.match, prior - prior.max(), config, seed)
+    return fit_ensemble(modules.SPECS["target"], rows.codes, loss, rows.match, prior - prior.max(), config, seed)
 
 
-def fit_success(rows: Rows, target: F64, config: EnsembleConfig, seed: int) -> Ensemble:
-    """Fit the outcome of strokes, summing over unknown targets.
-
-    Args:
-        target: ``[N, 9]`` probability of each target given the state, shot type and technique.
-    """
+def fit_success(rows: Rows, target: F64, config: EnsembleConfig, seed: int) -> modules.Ensemble:
+    """Fit the outcome of strokes, summing over unknown targets; ``target``: ``[N, 9]`` probability of each target given the
+    state, shot type and technique."""
     label = fault_class(rows)
     latent = latent_target(rows)
     count = np.where(latent, N_AREAS, 1)
@@ -182,10 +147,10 @@ def fit_success(rows: Rows, target: F64, config: EnsembleConfig, seed: int) -> E
         return -torch.log(total.clamp_min(1e-12))
 
     prior = np.log(np.bincount(label, minlength=3) / len(label))
-    return fit_ensemble(SPECS["success"], expanded, loss, rows.match, prior, config, seed, expand=expand)
+    return fit_ensemble(modules.SPECS["success"], expanded, loss, rows.match, prior, config, seed, expand=expand)
 
 
-def fit_binary(name: str, rows: Rows, label: Bools, config: EnsembleConfig, seed: int) -> Ensemble:
+def fit_binary(name: str, rows: Rows, label: Bools, config: EnsembleConfig, seed: int) -> modules.Ensemble:
     """Fit one of the networks with a single logit (return, contact)."""
     y = torch.from_numpy(label.astype(np.float32))
     rate = float(label.mean())
@@ -195,7 +160,7 @@ def fit_binary(name: str, rows: Rows, label: Bools, config: EnsembleConfig, seed
         return functional.binary_cross_entropy_with_logits(z, y[batch].expand_as(z), reduction="none")
 
     prior = np.array([np.log(rate / (1 - rate))])
-    return fit_ensemble(SPECS[name], rows.codes, loss, rows.match, prior, config, seed)
+    return fit_ensemble(modules.SPECS[name], rows.codes, loss, rows.match, prior, config, seed)
 
 
 def known_outcome(rows: Rows) -> Bools:
@@ -241,19 +206,19 @@ def labels_of(name: str, rows: Rows) -> I64:
     return rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
 
 
-def all_targets(success: Ensemble, rows: Rows) -> F64:
+def all_targets(success: modules.Ensemble, rows: Rows) -> F64:
     """``[K, N, 9, 3]`` probabilities of good, out, short for each of the nine targets."""
     return np.stack([softmax(success.logits(rows.with_area(a))) for a in range(N_AREAS)], axis=2)
 
 
-def fit_ridge(codes: dict[str, I16], label: Bools, start: Ridge | None = None) -> Ridge:
+def fit_ridge(codes: dict[str, I16], label: Bools, start: modules.Ridge | None = None) -> modules.Ridge:
     """Fit the ridge logistic regression; ``start``: a similar fit, from which the search starts."""
-    active = encode(RIDGE, attributes(codes)).numpy()
-    n, width = len(active), sum(RIDGE_SIZES)
+    active = modules.encode(modules.RIDGE, modules.attributes(codes)).numpy()
+    n, width = len(active), sum(modules.RIDGE_SIZES)
     indptr = np.arange(0, active.size + 1, active.shape[1])
-    x = csr_matrix((np.tile(RIDGE_SCALES, n), active.ravel(), indptr), shape=(n, width))
+    x = csr_matrix((np.tile(modules.RIDGE_SCALES, n), active.ravel(), indptr), shape=(n, width))
     y = label.astype(np.float64)
-    scale = np.r_[1.0, np.repeat(RIDGE_SCALES, RIDGE_SIZES)]
+    scale = np.r_[1.0, np.repeat(modules.RIDGE_SCALES, modules.RIDGE_SIZES)]
     penalty = np.r_[0.0, np.full(width, _PENALTY)]
 
     def gradient_of(error: F64) -> F64:
@@ -277,7 +242,7 @@ def fit_ridge(codes: dict[str, I16], label: Bools, start: Ridge | None = None) -
 
     first = np.r_[log_odds(y.mean()), np.zeros(width)] if start is None else start.weight.numpy() / scale
     solution = minimize(objective, first, jac=True, hessp=hessian_product, method="trust-ncg", options={"gtol": _GRADIENT})
-    return Ridge(solution.x * scale)
+    return modules.Ridge(solution.x * scale)
 
 
 def fold_of_match(matches: Ints, folds: int) -> I64:
@@ -288,7 +253,7 @@ def fold_of_match(matches: Ints, folds: int) -> I64:
 
 
 def fit_ensemble(
-    spec: NetworkSpec,
+    spec: modules.NetworkSpec,
     codes: dict[str, I16],
     loss: Loss,
     matches: Ints,
@@ -296,7 +261,7 @@ def fit_ensemble(
     config: EnsembleConfig,
     seed: int,
     expand: Callable[[Tensor], Tensor] | None = None,
-) -> Ensemble:
+) -> modules.Ensemble:
     """Fit all members at once; weights are rounded to half precision, in which they are stored, and computed with in double.
 
     Args:
@@ -307,9 +272,9 @@ def fit_ensemble(
     """
     generator = torch.Generator().manual_seed(seed)
     spec = dataclasses.replace(spec, members=config.members or spec.members)
-    model = Ensemble(spec)
+    model = modules.Ensemble(spec)
     model.initialise(generator, torch.as_tensor(prior, dtype=torch.float32))
-    inputs = attributes(codes)
+    inputs = modules.attributes(codes)
     n = len(matches)
     fold = torch.from_numpy(fold_of_match(matches, config.folds))
     member_fold = torch.arange(spec.members) % config.folds
@@ -351,8 +316,7 @@ def unseen(values: F64, matches: Ints, folds: int) -> F64:
 
 
 _LEAVES: Final = 8
-_ROUNDS: Final = 300
-"""Chosen by cross-validation over the training matches: 4 leaves with 200, 400 or 600 rounds, 8 with 100, 200 or 300."""
+_ROUNDS: Final = 300  # chosen by cross-validation: 4 leaves with 200, 400, 600 rounds, 8 with 100, 200, 300
 
 
 def fit_trees(
@@ -363,28 +327,25 @@ def fit_trees(
     rounds: int = _ROUNDS,
     rate: float = PARAMETERS["learning_rate"],
     offset: F64 | None = None,
-) -> Trees:
-    """Fit trees that predict a binary label.
-
-    Args:
-        offset: ``[N]`` logits to which those of the trees are added; None: no offset.
-    """
+) -> modules.Trees:
+    """Fit trees that predict a binary label; ``offset``: ``[N]`` logits to which those of the trees are added (None: no
+    offset)."""
     lgb = lightgbm()
-    x = attributes(codes).numpy()
-    data = lgb.Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(INPUTS))))
+    x = modules.attributes(codes).numpy()
+    data = lgb.Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(modules.INPUTS))))
     parameters = {**PARAMETERS, "num_leaves": leaves, "learning_rate": rate}
     arrays, nodes = stored_trees(lgb.train(parameters, data, num_boost_round=rounds), leaves)
     left = np.zeros(arrays["attribute"].shape, dtype=np.int32)
     for t, m, threshold in nodes:
         left[t, m] = sum(1 << int(code) for code in threshold.split("||"))
-    return Trees(left=left, **arrays)
+    return modules.Trees(left=left, **arrays)
 
 
 _PRIOR_STROKES: Final = 20.0
 _PRECISION: Final = 4.0  # precision of the normal prior of an offset of the log-odds; its standard deviation is 0.5
 
 
-def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) -> tuple[F64, Situations]:
+def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = modules.LEVELS) -> tuple[F64, modules.Situations]:
     """Fit the calibration of the log-odds of faults together with the offsets of the situations.
 
     Args:
@@ -399,7 +360,7 @@ def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) 
     known = (rows.attacks >= 0) & (rows.net_run >= 0)
     effort = np.minimum(rows.attacks, levels - 1)
     net = NET_SHOT[rows.codes["shot"]]
-    columns = np.stack([effort, net & (rows.net_run >= LONG_DUEL)], axis=1)[known].astype(np.float64)
+    columns = np.stack([effort, net & (rows.net_run >= modules.LONG_DUEL)], axis=1)[known].astype(np.float64)
     z, part, fault = logit[known], share[known], (rows.outcome == Outcome.FAULT)[known]
 
     def loss(x: F64) -> tuple[float, F64]:
@@ -416,12 +377,12 @@ def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) 
     count = np.zeros((SLOTS["own_shot"], levels))
     np.add.at(count, (rows.codes["own_shot"][known], effort[known]), 1)
     count[count.sum(axis=1) == 0] = count.sum(axis=0)  # that of all strokes for shot types without strokes
-    third = known & net & (rows.net_run >= LONG_DUEL - 1)
-    situations = Situations(
+    third = known & net & (rows.net_run >= modules.LONG_DUEL - 1)
+    situations = modules.Situations(
         effort=found[2] * np.arange(levels),
         duel=float(found[3]),
         effort_share=count / count.sum(axis=1, keepdims=True),
-        duel_share=float((rows.net_run[third] >= LONG_DUEL).sum() / max(1, third.sum())),
+        duel_share=float((rows.net_run[third] >= modules.LONG_DUEL).sum() / max(1, third.sum())),
         hurried_share=_hurried_shares(rows),
     )
     return found[:2], situations
@@ -434,7 +395,7 @@ def _hurried_shares(rows: Rows) -> F64:
     return np.asarray((count[1] + _PRIOR_STROKES * usual) / (count.sum(axis=0) + _PRIOR_STROKES))
 
 
-def intended_targets(target: Ensemble, success: Ensemble, rows: Rows) -> F64:
+def intended_targets(target: modules.Ensemble, success: modules.Ensemble, rows: Rows) -> F64:
     """``[N, 9]`` probability of each target given the outcome; rows of unknown outcome are zero."""
     soft = known_targets(rows)
     latent = np.flatnonzero(latent_target(rows) & known_outcome(rows))

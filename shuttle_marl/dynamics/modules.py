@@ -31,8 +31,7 @@ from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 
 _CHUNK: Final = 1024  # strokes of an evaluation: few enough that their hidden layers stay in the cache
-_LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))])
-"""``[256]`` position of the lowest bit."""
+_LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))])  # [256] position of the lowest bit
 INPUTS: Final = tuple(SLOTS)
 LEVELS: Final = 2
 LONG_DUEL: Final = 3  # minimum number of consecutive net shots before a stroke in a long duel
@@ -119,11 +118,9 @@ def _columns(spec: NetworkSpec) -> tuple[Tensor, Tensor]:
 
 
 class Ensemble(nn.Module):
-    """K networks from ``[N, 15]`` codes of :data:`~shuttle_marl.dynamics.features.SLOTS` to ``[K, N, outputs]`` logits.
-
-    A member is the sum of a linear model on one-hot attributes and their products, and of a perceptron with two hidden layers on
-    these. Weights are looked up and summed for all members at once; the multi-hot input is never materialised.
-    """
+    """K networks from ``[N, 15]`` codes of :data:`~shuttle_marl.dynamics.features.SLOTS` to ``[K, N, outputs]`` logits. A member
+    is the sum of a linear model on one-hot attributes and their products, and of a perceptron with two hidden layers on these.
+    Weights are looked up and summed for all members at once; the multi-hot input is never materialised."""
 
     def __init__(self, spec: NetworkSpec) -> None:
         super().__init__()
@@ -185,11 +182,8 @@ def in_chunks(module: Callable[[Tensor], Tensor], codes: dict[str, I16], *, axis
 
 
 class Ridge(nn.Module):
-    """Logistic regression on attributes and products of attributes.
-
-    Args:
-        weight: ``[1 + columns]`` coefficients, the intercept first.
-    """
+    """Logistic regression on attributes and products of attributes; ``weight``: ``[1 + columns]`` coefficients, the intercept
+    first."""
 
     weight: Tensor
 
@@ -221,8 +215,7 @@ class Trees(nn.Module):
         value: ``[T, M + 1]`` leaves.
     """
 
-    masks: Tensor
-    """``[attributes, codes, T]`` uint8 leaves that a tree can still reach, one bit each, by the code of one attribute."""
+    masks: Tensor  # [attributes, codes, T] uint8 leaves that a tree can still reach, one bit each, by the code of one attribute
     leaves: Tensor  # ``[T * 256]`` leaf of each tree by the bits of those that are left
 
     def __init__(self, *, attribute: I32, left: I32, child: I32, value: F64) -> None:
@@ -283,11 +276,8 @@ def _masks(attribute: I32, left: I32, child: I32) -> U8:
 
 
 class _Calibrated(nn.Module):
-    """An ensemble of networks, other parts, and the calibration of their common log-odds.
-
-    Args:
-        line: ``[2]`` slope and intercept of the calibrated log-odds.
-    """
+    """An ensemble of networks, other parts, and the calibration of their common log-odds; ``line``: ``[2]`` slope and intercept
+    of the calibrated log-odds."""
 
     line: Tensor
 
@@ -316,12 +306,8 @@ class MSucc(_Calibrated):
         return self.calibrated(1 - good) + self.trees(codes)
 
     def forward(self, codes: Tensor, shift: Tensor | float = 0.0) -> Tensor:
-        """``[N]`` probabilities.
-
-        Args:
-            shift: change of the log-odds of a fault, such as that by effort and long duels
-                (:attr:`~shuttle_marl.dynamics.modules.Situations.offsets`).
-        """
+        """``[N]`` probabilities; ``shift``: change of the log-odds of a fault, such as that by effort and long duels
+        (:attr:`~shuttle_marl.dynamics.modules.Situations.offsets`)."""
         return torch.sigmoid(-self.fault_logit(codes) - shift)
 
 
@@ -350,12 +336,9 @@ class MRet(MContact):
 
 
 class MHurried(nn.Module):
-    """The probability that who returns a stroke is hurried, by the height at which they meet it.
-
-    Args:
-        trees: by name (:data:`~shuttle_marl.dynamics.modules.HURRIED`); a height without trees has probability 0.
-        lines: ``[2, 2]`` slope and intercept of the calibrated log-odds, by height.
-    """
+    """The probability that who returns a stroke is hurried, by the height at which they meet it; ``trees``: by name
+    (:data:`~shuttle_marl.dynamics.modules.HURRIED`); a height without trees has probability 0; ``lines``: ``[2, 2]`` slope and
+    intercept of the calibrated log-odds, by height."""
 
     lines: Tensor
 
@@ -375,25 +358,15 @@ class MHurried(nn.Module):
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Situations:
-    """Effects of earlier strokes of the rally on the log-odds of a fault, and frequencies of the situations.
+    """Effects of earlier strokes of the rally on the log-odds of a fault, and frequencies of the situations. A situation is a
+    level of effort and whether the stroke is a net shot in a long duel. The calibrated probabilities of the networks are those at
+    effort 0 outside of long duels."""
 
-    A situation is a level of effort and whether the stroke is a net shot in a long duel. The calibrated probabilities of the
-    networks are those at effort 0 outside of long duels.
-
-    Attributes:
-        effort: ``[L]`` offset of each level of effort; the first is 0.
-        duel: offset of a net shot in a long duel.
-        effort_share: ``[15, L]`` frequency of each level, by code of the striker's previous shot type (``own_shot``).
-        duel_share: frequency of long duels among the net shots after two net shots.
-        hurried_share: ``[15, 13]`` frequency of hurried strikers by codes of the incoming shot type and the stroke's; 0 where the
-            data do not know it.
-    """
-
-    effort: F64
-    duel: float
-    effort_share: F64
-    duel_share: float
-    hurried_share: F64
+    effort: F64  # [L] offset of each level of effort; the first is 0
+    duel: float  # offset of a net shot in a long duel
+    effort_share: F64  # [15, L] frequency of each level, by code of the striker's previous shot type (`own_shot`)
+    duel_share: float  # frequency of long duels among the net shots after two net shots
+    hurried_share: F64  # [15, 13] frequency of hurried strikers by codes of incoming and own shot type; 0 where not known
 
     @property
     def offsets(self) -> F64:
@@ -411,38 +384,25 @@ class Situations:
         return self.spread(rows.codes["own_shot"], level, np.where(NET_SHOT[rows.codes["shot"]], long, 0))
 
     def spread(self, own_shot: Ints, level: Ints, long: Ints) -> F64:
-        """``[N, 2 L]`` probability of each situation.
-
-        Args:
-            own_shot: ``[N]`` code of the striker's previous shot type.
-            level: ``[N]`` level of effort, -1 where unknown.
-            long: ``[N]`` 1 for a net shot in a long duel, 0 for other strokes, -1 for a net shot where unknown.
-        """
+        """``[N, 2 L]`` probability of each situation; ``own_shot``: ``[N]`` code of the striker's previous shot type; ``level``:
+        ``[N]`` level of effort, -1 where unknown; ``long``: ``[N]`` 1 for a net shot in a long duel, 0 for other strokes, -1 for
+        a net shot where unknown."""
         levels = np.where((level < 0)[:, None], self.effort_share[own_shot], np.eye(len(self.effort))[level])
         inside = np.where(long < 0, self.duel_share, long)
         return np.concatenate([(1 - inside)[:, None] * levels, inside[:, None] * levels], axis=1)
 
     def mixed(self, logit: F64, weights: F64) -> F64:
-        """Probability of a fault, averaged over the situations.
-
-        Args:
-            logit: ``[N, ...]`` at effort 0 outside of long duels.
-            weights: ``[N, 2 L]`` probability of each situation.
-        """
+        """Probability of a fault, averaged over the situations; ``logit``: ``[N, ...]`` at effort 0 outside of long duels;
+        ``weights``: ``[N, 2 L]`` probability of each situation."""
         total = np.zeros_like(logit)
         for offset, weight in zip(self.offsets, weights.T, strict=True):
             total += weight.reshape(-1, *(1,) * (logit.ndim - 1)) * expit(logit + offset)
         return total
 
     def moved_to(self, mean: F64, logit: F64, weights: F64, share: F64) -> F64:
-        """``[N, B]`` logits, those of a row moved by the same amount, so that the mean probability is a given one.
-
-        Args:
-            mean: ``[N]`` probabilities between 0 and 1.
-            logit: ``[N, B]`` at effort 0 outside of long duels, in B cases.
-            weights: ``[N, 2 L]`` probability of each situation.
-            share: ``[N, B]`` probability of each case.
-        """
+        """``[N, B]`` logits, those of a row moved by the same amount, so that the mean probability is a given one; ``mean``:
+        ``[N]`` probabilities between 0 and 1; ``logit``: ``[N, B]`` at effort 0 outside of long duels, in B cases; ``weights``:
+        ``[N, 2 L]`` probability of each situation; ``share``: ``[N, B]`` probability of each case."""
         target = np.log(mean) - np.log1p(-mean)
         # The slope of the mean's log-odds is close to 1, so the fixed-point iteration converges fast.
         for _ in range(20):

@@ -1,11 +1,7 @@
 """Fit of the hidden recovery position (:mod:`shuttle_marl.game.recovery`): where people wait, and what that changes.
 
-**People's positions** are counted in nested cells: incoming shot type; own area; incoming area; contact and hurried. Each share
-is shrunk to that of the cell around it. A position is feasible where it has a least share after incoming shot type and own area.
-
-**Effects** follow from where a position lies relative to where strokes of the shot type and area are met. Their coefficients by
-group of shot types are those of ridge-penalised logistic regressions on top of what models that were not fitted to the match
-predict. The features of a stroke are centred on those of people who had played to the same area against the same shot type, so
+``docs/models.md`` describes it. Positions are counted in nested cells: incoming shot type; own area; incoming area; contact and
+hurried. Features of a stroke are centred on those of people who had played to the same area against the same shot type, so that
 the coefficients say what a position changes beyond what people do there. Regressions read the place in which a receiver stood; a
 position of the game is the mean of the places in its cell.
 """
@@ -26,7 +22,7 @@ from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, PARTS, STEP, Recovery, position_of
-from shuttle_marl.game.shipped import POSITIONS, read_model_card, readable
+from shuttle_marl.game.shipped import POSITIONS, readable
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {  # shot types with the same coefficients; those of serves are 0
@@ -35,14 +31,12 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {  # shot types with the same coeffi
     "short": ("drop", "net-shot", "cross-court-net-shot", "block"),
     "high": ("clear", "lift"),
 }
-FEATURES: Final = ("lateral", "deeper", "in front")
-"""How far a position lies to a side of the place where a stroke is met, behind it, and in front of it [m]."""
+FEATURES: Final = ("lateral", "deeper", "in front")  # distance from where a stroke is met [m]
 MIN_ROWS: Final = 5000  # strokes with a known position of the receiver of a fit; fewer have some hundred winners
 LEAST_SHARE: Final = 0.04  # least share of a feasible position after an incoming shot type and own area
 _PEOPLE: Final = 25.0  # weight of the share in the cell around a cell, in strokes
 _MEETING: Final = 20.0  # weight of the mean meeting point of an area in that of a shot type and area, in strokes
-_USUAL: Final = 10.0
-"""Weight of the mean features of a shot type and area in those after an own area and incoming shot type, in strokes."""
+_USUAL: Final = 10.0  # weight of the mean features of a stroke in those of a cell, in strokes
 _PENALTY: Final = 20.0
 _ROUNDS: Final = 30
 _LIMIT: Final = 4.0
@@ -126,12 +120,9 @@ def load_recovery(folder: Path) -> FittedRecovery | None:
 
 
 def fit_recovery(rows: Rows, predicted: Mapping[str, Predicted]) -> FittedRecovery | None:
-    """Fit people's positions and their effects; None with fewer than :data:`MIN_ROWS` known positions.
-
-    Args:
-        rows: strokes of all matches of the fit.
-        predicted: those with a judged outcome, by model; see :attr:`shuttle_marl.dynamics.fit.Fit.predicted`.
-    """
+    """Fit people's positions and their effects; None with fewer than :data:`MIN_ROWS` known positions; ``rows``: strokes of all
+    matches of the fit; ``predicted``: those with a judged outcome, by model; see
+    :attr:`shuttle_marl.dynamics.fit.Fit.predicted`."""
     if placed(rows).sum() < MIN_ROWS:
         return None
     court = Court.of(rows)
@@ -156,11 +147,8 @@ def people_at(recovery: Recovery, rows: Rows) -> tuple[Bools, F64]:
 
 
 def _coefficients(court: Court, predicted: Predicted, *, winner: bool) -> F64:
-    """``[4, 3]`` coefficients of the effects on one outcome.
-
-    Args:
-        winner: whether the outcome is that the predicted one, a return, does not happen.
-    """
+    """``[4, 3]`` coefficients of the effects on one outcome; ``winner``: whether the outcome is that the predicted one, a return,
+    does not happen."""
     used = placed(predicted.rows) & np.isfinite(predicted.logit) & (predicted.rows.codes["shot"] >= N_SERVES)
     rows, label, offset = predicted.rows.take(used), predicted.label[used] != winner, predicted.logit[used]
     if not len(rows):
@@ -222,15 +210,3 @@ def save_recovery(folder: Path, train: Rows, predicted: Mapping[str, Predicted])
         return None
     replace_file(folder / POSITIONS, fitted.to_bytes())
     return fitted.summary(train)
-
-
-def copied_recovery(folder: Path, prior: Path) -> dict[str, Any] | None:
-    """Take over the positions of a prior model, if it has any: a few matches do not tell them."""
-    try:
-        content = (prior / POSITIONS).read_bytes()
-    except FileNotFoundError:
-        (folder / POSITIONS).unlink(missing_ok=True)
-        return None
-    replace_file(folder / POSITIONS, content)
-    found: dict[str, Any] | None = read_model_card(prior).get("recovery")
-    return found

@@ -1,25 +1,9 @@
 """Skill of single players: partially pooled offsets of the average game's log-odds, by Laplace-approximated marginal likelihood.
 
-Each of three components has a mixed logistic regression (:class:`MixedModel`) whose fixed part is the average
-player's prediction for strokes of matches to which it was not fitted:
-
-=========  ====================================  ==============
-component  a positive offset means               strokes
-=========  ====================================  ==============
-success    more faults                           known outcome
-return     the stroke is returned more often     good strokes
-contact    the stroke is met above more often    returned ones
-=========  ====================================  ==============
-
-**Offsets.** A stroke's log-odds add an offset of its striker and one of its receiver. Each is a general offset plus one of the
-group of shots (:data:`GROUPS`). General offsets follow a random walk over the dates of the player's matches (Ingram, J. Quant.
-Anal. Sports 2019, for tennis), so a rating holds as of a day.
-
-**Nuisance effects** are the match, each side of a match (the form of the day), the group of shots in each match, and in each
-annotated data set. Without them, annotators who label differently pass for players who play differently.
-
-The variances are those of maximum marginal likelihood, or those of a prior model. The change in a year is given
-(:data:`YEAR`): an estimated one takes the form of a tournament for a change of skill, and predicts unseen matches worse.
+``docs/pairs.md`` describes the model. A positive offset means more faults (``success``, of strokes of known outcome), that a good
+stroke is returned more often (``return``), or that a returned one is met above the net more often (``contact``). General offsets
+follow a random walk over the dates of the player's matches (Ingram, J. Quant. Anal. Sports 2019, for tennis). The variances are
+those of maximum marginal likelihood, or those of a prior model; the change in a year is given (:data:`YEAR`).
 """
 
 import dataclasses
@@ -129,12 +113,8 @@ class Posterior:
 
 
 def posterior(model: MixedModel, sd: F64, start: F64 | None = None) -> Posterior:
-    """Mode and curvature of the posterior, by Newton's method with step halving.
-
-    Args:
-        sd: ``[C]`` standard deviations of the components.
-        start: ``[E]`` initial effects.
-    """
+    """Mode and curvature of the posterior, by Newton's method with step halving; ``sd``: ``[C]`` standard deviations of the
+    components; ``start``: ``[E]`` initial effects."""
     variance = model.scale * sd[model.component] ** 2
     precision = csr_matrix(model.difference.T @ model.difference.multiply((1 / variance)[:, None]))
     effects = np.zeros(model.x.shape[1]) if start is None else start
@@ -179,11 +159,8 @@ def gradient_of(model: MixedModel, found: Posterior) -> F64:
 
 
 def fit_variances(model: MixedModel, fixed: F64 | None = None) -> Posterior:
-    """The posterior at the standard deviations of maximum marginal likelihood.
-
-    Args:
-        fixed: ``[C]`` standard deviations that are given; NaN, or None for all, where they are estimated.
-    """
+    """The posterior at the standard deviations of maximum marginal likelihood; ``fixed``: ``[C]`` standard deviations that are
+    given; NaN, or None for all, where they are estimated."""
     given = np.log(np.full(model.components, np.nan) if fixed is None else fixed)
     mode: F64 | None = None
 
@@ -200,7 +177,7 @@ def fit_variances(model: MixedModel, fixed: F64 | None = None) -> Posterior:
     return posterior(model, np.exp(found.x), mode)
 
 
-SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
+SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {  # shot types that share an offset, by the group (`GROUPS`)
     "attack": ("smash", "half-smash", "net-kill"),
     "net": ("net-shot", "cross-court-net-shot"),
     "rear": ("clear", "drop"),
@@ -208,7 +185,6 @@ SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
     "block": ("block", "drive"),
     "serve": ("short-serve", "long-serve"),
 }
-"""Shot types that share an offset, by the group (:data:`~shuttle_marl.game.pairs.GROUPS`)."""
 GROUP: Final[I8] = np.array([[shot in SHOTS_OF_GROUP[group] for group in GROUPS].index(True) for shot in SHOTS], dtype=np.int8)
 VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
 """Variance components: general and group offsets of each role, change of the general ones in a year, nuisance effects."""
@@ -258,13 +234,9 @@ def shifts(skill: Skill, component: str, rows: Rows) -> F64:
 
 
 def fit_skill(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64 | None = None) -> FittedSkill:
-    """Fit the offsets of all players.
-
-    Args:
-        predicted: strokes by component, all from one table of matches.
-        sources: data set of each match by name.
-        sd: ``[3, 9]`` standard deviations of the components, such as those of a prior model; None: estimate them.
-    """
+    """Fit the offsets of all players; ``predicted``: strokes by component, all from one table of matches; ``sources``: data set
+    of each match by name; ``sd``: ``[3, 9]`` standard deviations of the components, such as those of a prior model (None:
+    estimate them)."""
     design = _Design.of(predicted, sources)
     # Another order of summation would give other offsets.
     with threadpool_limits(1):
@@ -371,11 +343,9 @@ def deviations_in(card: Mapping[str, Any]) -> F64 | None:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class _Design:
-    """Effects of all components.
-
-    They are, in this order: general offsets of strikers ``[K]``, of receivers ``[K]``, offsets of strikers in groups ``[P, 6]``,
-    of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in matches ``[M, 6]`` and in data sets ``[S, 6]``.
-    """
+    """Effects of all components, in this order: general offsets of strikers ``[K]``, of receivers ``[K]``, offsets of strikers in
+    groups ``[P, 6]``, of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in matches ``[M, 6]`` and data sets
+    ``[S, 6]``."""
 
     players: npt.NDArray[np.str_]
     walks: Walks

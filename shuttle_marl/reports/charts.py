@@ -37,17 +37,14 @@ if TYPE_CHECKING:
 
 _COLOURS: Final = ("#0b8f66", "#d0553c", "#3f6fd8", "#b8860b", "#8a56c9", "#1d9aa8", "#c2478f", "#6b7d2c", "#8c6a55", "#5c6b7a")
 _INK, _DIM, _LINE, _ACCENT, _SECOND = "#1c2127", "#69727d", "#e3e5e2", "#0b6e4e", "#c8553d"
-_PLAYERS: Final = ("#1f5fa8", "#b8500a")
-"""Colours of two players, blue and orange, which all readers tell apart."""
+_PLAYERS: Final = ("#1f5fa8", "#b8500a")  # of two players: blue and orange, which all readers tell apart
 _THEME: Final = {_INK: "--ink", _DIM: "--dim", _LINE: "--line", _ACCENT: "--accent", _SECOND: "--second"} | dict(
     zip(_PLAYERS, ("--first", "--other"), strict=True)
 )
-_MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
-"""Colours of larger and smaller shares; orange and blue are told apart by all readers."""
+_MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"  # of larger and smaller shares, which all readers tell apart
 INK: Final = "#0b0f17"
 _MAT, _MARKING, _DARK = "#127257", "#dcebe6", "#16191c"
-_WIDE, _NARROW = 1100.0, 460.0
-"""Widths of charts [px], of which the second fits a telephone; a point of Matplotlib is drawn as one pixel."""
+_WIDE, _NARROW = 1100.0, 460.0  # widths of charts [px = points of Matplotlib]; the second fits a telephone
 _LONGEST_NAME: Final = 26
 _LETTERS: Final = 30
 _FORMATS: Final = (".png", ".svg", ".pdf")
@@ -149,7 +146,6 @@ def label(name: str, longest: int = _LONGEST_NAME) -> str:
 
 
 def _shades(*colours: str) -> Callable[[float], str]:
-    """Colours from 0 to 1, mixed of some."""
     from matplotlib.colors import LinearSegmentedColormap, to_hex  # noqa: PLC0415  slow to import
 
     mixed = LinearSegmentedColormap.from_list("shades", colours)
@@ -192,12 +188,9 @@ def of_hand(area: int, hand: str | None) -> int:
 def curves(
     lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: str, *, logarithmic: bool = False
 ) -> Markup | None:
-    """Curves by name, with a legend; None without any point.
-
-    Args:
-        lines: points of each, from left to right; an empty one is not drawn, and keeps its colour for other charts.
-        logarithmic: whether the vertical axis is; points that are not above 0 are left out then.
-    """
+    """Curves by name, with a legend; None without any point; ``lines``: points of each, from left to right; an empty one is not
+    drawn, and keeps its colour for other charts; ``logarithmic``: whether the vertical axis is; points that are not above 0 are
+    left out then."""
     from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415  slow to import
 
     shown = {name: [(x, y) for x, y in points if y > 0 or not logarithmic] for name, points in lines.items()}
@@ -228,14 +221,8 @@ def _words() -> "Words":
 
 @_styled()
 def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
-    """Where strokes land.
-
-    Args:
-        shares, reference: ``[9]`` shares of the target areas, and what they are compared with; areas as a right-handed receiver
-            sees them.
-        hand: of the receiver; None: unknown.
-        clear: areas with a frame.
-    """
+    """Where strokes land; ``shares``, ``reference``: ``[9]`` shares of the target areas, and what they are compared with; areas
+    as a right-handed receiver sees them; ``hand``: of the receiver (None: unknown); ``clear``: areas with a frame."""
     chart, say = Chart(330.0, 330.0), _words()
     axes, colours, difference = chart.axes, _shades(_LESS, _ALIKE, _MORE), 100 * (shares - reference)
     draw_court(axes)
@@ -256,12 +243,8 @@ def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequ
 
 @_styled()
 def waits(rows: Sequence["Wait | Stand"], title: str, hand: str | None) -> Markup:
-    """Half courts with the shares of the nine positions, the net at the top, as the player who waits there sees them.
-
-    Args:
-        rows: a court for each.
-        hand: of the player; None: unknown.
-    """
+    """Half courts with the shares of the nine positions, the net at the top, as the player who waits there sees them; ``rows``: a
+    court for each; ``hand``: of the player (None: unknown)."""
     chart, colours, step = Chart(_NARROW, 235.0), _shades(_ALIKE, _MORE), 2 * HALF_WIDTH + 0.7
     axes = chart.axes
     axes.set_aspect("equal")
@@ -282,13 +265,9 @@ def waits(rows: Sequence["Wait | Stand"], title: str, hand: str | None) -> Marku
 
 @_styled()
 def drill(met: int, target: int, hands: tuple[str | None, str | None], title: str) -> Markup:
-    """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer.
-
-    Args:
-        met: area of the player's half, as a right-handed player sees it; -1: the player serves.
-        target: area of the other half, as a right-handed receiver sees it.
-        hands: of the player and of the receiver; None: unknown.
-    """
+    """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer; ``met``: area
+    of the player's half, as a right-handed player sees it (-1: the player serves); ``target``: area of the other half, as a
+    right-handed receiver sees it; ``hands``: of the player and of the receiver (None: unknown)."""
     met, target = of_hand(met, hands[0]), of_hand(target, hands[1])
     chart = Chart(220.0, 420.0)
     axes = chart.axes
@@ -338,12 +317,8 @@ def check_format(path: Path) -> None:
 
 
 def save(drawn: Any, path: Path) -> None:
-    """Write a figure as PNG, SVG or PDF.
-
-    Raises:
-        OptionError: the suffix is not a supported format.
-        FileWriteError: the file cannot be written.
-    """
+    """Write a figure as PNG, SVG or PDF. Raises OptionError: the suffix is not a supported format. Raises FileWriteError: the
+    file cannot be written."""
     check_format(path)
     with io.BytesIO() as buffer:
         drawn.savefig(buffer, format=path.suffix[1:], dpi=110)

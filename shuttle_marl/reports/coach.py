@@ -63,45 +63,12 @@ class Source:
         return shlex.join(["python", "-m", "shuttle_marl.watch", option, self.path.name, *model])
 
 
-def of_file(
-    path: Path,
-    game: Game,
-    match: str | None = None,
-    *,
-    pairing: int = 0,
-    columns: Path | None = None,
-    rules: RulesName | None = None,
-) -> tuple[MatchReport, Source]:
-    """The report of a match of a rally log, with the number ``match``, or of annotated matches.
-
-    Raises:
-        ShuttleError: an argument that this kind of file does not have; or as :func:`of_log` and :func:`of_strokes`.
-    """
-    if not is_log(path):
-        if pairing:
-            raise ShuttleError(f"--pairing {pairing}: only rally logs have pairings; name the match with --match")
-        return of_strokes(path, game, match, columns, rules)
-    if columns is not None or rules is not None:
-        raise ShuttleError(f"--columns and --rules: {path} is a rally log, which has its own; omit them")
-    if match is not None and not match.isdecimal():
-        raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
-    return of_log(path, game, pairing, int(match or 0))
-
-
 def of_strokes(
     path: Path, game: Game, match: str | None = None, columns: Path | None = None, rules: RulesName | None = None
 ) -> tuple[MatchReport, Source]:
-    """The report of an annotated match.
-
-    Args:
-        path: a stroke table, a folder with the raw files, or a CSV file.
-        game: in which strokes are valued.
-        match: name of the match, or a part that only its name has; None: the only match.
-
-    Raises:
-        DataError: the file cannot be read.
-        AnalysisError: no such match, or several.
-    """
+    """The report of an annotated match; ``path``: a stroke table, a folder with the raw files, or a CSV file; ``game``: in which
+    strokes are valued; ``match``: name of the match, or a part that only its name has (None: the only match). Raises DataError:
+    the file cannot be read. Raises AnalysisError: no such match, or several."""
     strokes = read_matches(path, columns, rules)
     report = match_report(match_strokes(strokes, match), game=game)
     mapped = columns is not None
@@ -127,17 +94,9 @@ def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
 
 
 def of_log(path: Path, game: Game, pairing: int, match: int) -> tuple[MatchReport, Source]:
-    """The report of a match of a rally log.
-
-    Args:
-        path: the log, or a folder of logs.
-        game: that was played.
-        pairing, match: numbers of the pairing and of the match in it.
-
-    Raises:
-        RecordingError: the log cannot be read, or was played on another game.
-        AnalysisError: no such match.
-    """
+    """The report of a match of a rally log; ``path``: the log, or a folder of logs; ``game``: that was played; ``pairing``,
+    ``match``: numbers of the pairing and of the match in it. Raises RecordingError: the log cannot be read, or was played on
+    another game. Raises AnalysisError: no such match."""
     with RallyLog(path) as log:
         strokes = log_strokes(log, pairing, match)
         numbers = log.numbers_of_match(pairing, match).tolist()
@@ -166,14 +125,8 @@ def log_strokes(log: RallyLog, pairing: int, match: int) -> pa.Table:
 
 
 def video_of(template: str) -> Callable[[float], str]:
-    """Address of a video at a time in seconds.
-
-    Args:
-        template: address with ``{seconds}`` where the whole seconds go.
-
-    Raises:
-        AnalysisError: it is no such address.
-    """
+    """Address of a video at a time in seconds; ``template``: address with ``{seconds}`` where the whole seconds go. Raises
+    AnalysisError: it is no such address."""
     fields = [name for _, name, _, _ in string.Formatter().parse(template) if name is not None]
     if fields != ["seconds"] or urlsplit(template).scheme not in ("http", "https"):
         raise AnalysisError(f"--video {template}: expected an http or https address with {{seconds}} once")
@@ -198,11 +151,7 @@ class CoachReport:
             return self._page()
 
     def save(self, path: Path | str, language: Language = "en") -> Path:
-        """Write the page, and return its path.
-
-        Raises:
-            FileWriteError: it cannot be written.
-        """
+        """Write the page, and return its path. Raises FileWriteError: it cannot be written."""
         replace_file(Path(path), self.html(language))
         return Path(path)
 
@@ -233,9 +182,19 @@ def report(
     Raises:
         DataError, RecordingError: the file cannot be read.
         AnalysisError: no such match, or several.
+        ShuttleError: an argument that this kind of file does not have.
     """
-    mapped = None if columns is None else Path(columns)
-    found, source = of_file(Path(path), resolve_game(game), match, pairing=pairing, columns=mapped, rules=rules)
+    path, game = Path(path), resolve_game(game)
+    if not is_log(path):
+        if pairing:
+            raise ShuttleError(f"--pairing {pairing}: only rally logs have pairings; name the match with --match")
+        found, source = of_strokes(path, game, match, None if columns is None else Path(columns), rules)
+    elif columns is not None or rules is not None:
+        raise ShuttleError(f"--columns and --rules: {path} is a rally log, which has its own; omit them")
+    elif match is not None and not match.isdecimal():
+        raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
+    else:
+        found, source = of_log(path, game, pairing, int(match or 0))
     if video is not None:
         source = dataclasses.replace(source, video=video_of(video))
 

@@ -1,15 +1,10 @@
 """Counts of real strokes, and page 1 of a report: the statements that hold beyond chance.
 
-Habits and endings stand beside those of others, options beside the others in one situation.
-
 Differences of the counts of two tallies (:mod:`shuttle_marl.dynamics.habits`) are tested by Fisher's exact test, because many
-answers are rare, and together, with the false discovery rate of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995). An **option**
-is a shot type beside the other ones in the same situation: over several situations the shares of rallies won would compare the
-situations, because a block answers a smash.
-
-A **statement** of page 1 is about habits, endings and places that differ from those of others by more than chance, about the
-first three strokes, or about an option that won more or less than the others in the same situation, also by more than chance.
-Each correction is for all differences of its kind that the report tests.
+answers are rare, and together, with the false discovery rate of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995), for all
+differences of a kind that the report tests. An **option** is a shot type beside the other ones in the same situation: over
+several situations the shares of rallies won would compare the situations, because a block answers a smash. A **statement** of
+page 1 is about habits, endings and places that differ from those of others, about the first three strokes, or about an option.
 """
 
 import dataclasses
@@ -52,38 +47,24 @@ LEAST_DIFFERENCE: Final = 0.03  # smaller differences of shares are of no use on
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Habit:
-    """A share of strokes beside that of others.
+    """A share of strokes beside that of others."""
 
-    Attributes:
-        kind, about, answer: the question and the answer; of an ending, ``fault`` or ``winner`` twice, about a shot type, and a
-            technique.
-        strokes: number of strokes of the player that the question asks about.
-        share, low, high: share of the answer among them, with its 90 % interval.
-        usual: share of the others.
-        p, q: p-value of the difference, and the same corrected for the number of differences.
-        clear: whether the difference is more than chance, with this correction, and large enough.
-    """
-
-    kind: str
-    about: tuple[str, ...]
-    answer: str
-    strokes: float
-    share: float
-    low: float
+    kind: str  # question; of an ending, `fault` or `winner`
+    about: tuple[str, ...]  # of the question; of an ending a shot type, and a technique
+    answer: str  # to the question; of an ending its kind again
+    strokes: float  # number of strokes of the player that the question asks about
+    share: float  # of the answer among them
+    low: float  # 90 % interval of the share
     high: float
-    usual: float
-    p: float
-    q: float = math.nan
-    clear: bool = False
+    usual: float  # share of the others
+    p: float  # p-value of the difference from the others
+    q: float = math.nan  # p, corrected for the number of differences
+    clear: bool = False  # whether the difference is more than chance, with this correction, and large enough
 
 
 def habits(mine: Tally, others: Tally, *, dispersed: bool = True) -> list[Habit]:
-    """Shares of a player beside those of others, for all questions with enough strokes.
-
-    Args:
-        mine, others: counted strokes.
-        dispersed: whether counts vary by their dispersion; else they are independent, as within one match.
-    """
+    """Shares of a player beside those of others, for all questions with enough strokes; ``mine``, ``others``: counted strokes;
+    ``dispersed``: whether counts vary by their dispersion; else they are independent, as within one match."""
     asked: list[tuple[str, tuple[str, ...], str, tuple[float, ...], float]] = []
     for number, question in enumerate(QUESTIONS):
         own, usual = (each.answers(number) for each in (mine, others))
@@ -131,11 +112,8 @@ def discoveries(p: Sequence[float] | F64) -> Bools:
 
 
 def chance(strata: F64) -> float:
-    """P-value of Fisher's exact test, two-sided, that two shares are one; of several strata that they are one in each of them.
-
-    Args:
-        strata: ``[S, 4]`` successes and number of both, each number as large as there are independent strokes; rounded.
-    """
+    """P-value of Fisher's exact test, two-sided, that two shares are one; of several strata that they are one in each of them;
+    ``strata``: ``[S, 4]`` successes and number of both, each number as large as there are independent strokes; rounded."""
     # Probabilities of the successes of the first one, given those of both in each stratum.
     weight, least, found = np.ones(1), 0, 0
     for won, n, others_won, m in np.rint(strata).astype(np.int64).tolist():
@@ -184,26 +162,18 @@ SERVING: Final = Situation(-1, -1, 0, False)
 
 
 class Option(NamedTuple):
-    """A shot type in one situation beside the other ones there. A rally counts once, by the last stroke in the situation.
-
-    Attributes:
-        shot: index.
-        rallies, won: in which it was played, and that its striker won; ``low``, ``high``: 90 % interval of the share.
-        others, others_won: the same of the other shot types.
-        p, q: p-value of the difference by Fisher's exact test within each striker, and the same corrected for the number of
-            options tested.
-    """
+    """A shot type in one situation beside the other ones there. A rally counts once, by the last stroke in the situation."""
 
     situation: Situation
-    shot: int
-    rallies: int
-    won: int
-    low: float
+    shot: int  # index
+    rallies: int  # in which it was played
+    won: int  # rallies of them that its striker won
+    low: float  # 90 % interval of the share of rallies won
     high: float
-    others: int
-    others_won: int
-    p: float
-    q: float = math.nan
+    others: int  # rallies with the other shot types
+    others_won: int  # of them
+    p: float  # p-value of the difference by Fisher's exact test within each striker
+    q: float = math.nan  # p, corrected for the number of options tested
 
     @property
     def gain(self) -> float:
@@ -217,12 +187,8 @@ class Option(NamedTuple):
 
 
 def is_short(shot: Ints | int, area: Ints | int) -> Bools:
-    """Whether strokes are clears or lifts that land short of the rear court, where no player aims.
-
-    Args:
-        shot: index of the shot type, any shape.
-        area: index of the area; -1: any area, which is not short.
-    """
+    """Whether strokes are clears or lifts that land short of the rear court, where no player aims; ``shot``: index of the shot
+    type, any shape; ``area``: index of the area (-1: any area, which is not short)."""
     return np.isin(shot, _HIGH) & (np.asarray(area) >= 0) & (third_of(np.asarray(area)) < BACK)
 
 
@@ -418,11 +384,8 @@ def options(player: int, found: Sequence[Option]) -> Iterator[Statement]:
 
 
 def serves(strokes: pa.Table, rallies: pa.Table, player: str) -> tuple[int, int]:
-    """Serves of a player that are in the data, and rallies that the player served.
-
-    Args:
-        rallies: :func:`~shuttle_marl.reports.summary.rally_table` of the strokes.
-    """
+    """Serves of a player that are in the data, and rallies that the player served; ``rallies``:
+    :func:`~shuttle_marl.reports.summary.rally_table` of the strokes."""
     first = rallies.filter(pa.compute.equal(rallies["server"], player))["first"].to_numpy()
     stroke, shot = (strokes[name].to_numpy()[first] for name in ("stroke", "shot"))
     return int(((stroke == 1) & (shot < N_SERVES)).sum()), len(first)

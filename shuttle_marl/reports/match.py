@@ -38,37 +38,25 @@ _TURN: Final = 0.1  # smallest change of the probability of winning a rally that
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RallyRow:
-    """A rally of the match; players are 0 and 1.
+    """A rally of the match; players are 0 and 1. ``decided``: number of the stroke before the last one that changed the
+    probability of winning the rally most, from 1, with the player who struck it, its shot type, and the change for that player
+    (None: not known, or less than a tenth)."""
 
-    Attributes:
-        key: game and number of the rally in the data.
-        number: of the rally in the match, by its points, from 1.
-        points, games: score before it.
-        server, winner: numbers of the players; winner None: not recorded.
-        ending: one of :data:`~shuttle_marl.reports.summary.ENDINGS`.
-        last_shot, last_area: shot type and target area of the last stroke; area -1: not known, as that of a fault.
-        given: shot type and target area of the stroke before it; None: there was none.
-        before, after: probability that player 0 wins the match, before and after it; NaN: an earlier game is not in the data.
-        decided: number of the stroke before the last one that changed the probability of winning the rally most, from 1, with the
-            player who struck it, its shot type, and the change for that player; None: not known, or less than a tenth.
-        seconds: time of the rally in the video [s]; None: unknown.
-    """
-
-    key: tuple[int, int]
-    number: int
-    points: tuple[int, int]
-    games: tuple[int, int]
-    server: int
-    winner: int | None
+    key: tuple[int, int]  # game and number of the rally in the data
+    number: int  # of the rally in the match, by its points, from 1
+    points: tuple[int, int]  # score before the rally
+    games: tuple[int, int]  # games before it
+    server: int  # player
+    winner: int | None  # player; None: not recorded
     strokes: int
-    ending: str
-    last_shot: str
-    last_area: int
-    given: tuple[str, int] | None
-    before: float
-    after: float
+    ending: str  # one of `ENDINGS`
+    last_shot: str  # shot type of the last stroke
+    last_area: int  # its target area; -1: not known, as that of a fault
+    given: tuple[str, int] | None  # shot type and target area of the stroke before it; None: there was none
+    before: float  # probability that player 0 wins the match; NaN: an earlier game is not in the data
+    after: float  # the same after the rally
     decided: tuple[int, int, str, float] | None
-    seconds: float | None
+    seconds: float | None  # time of the rally in the video [s]; None: unknown
 
     @property
     def swing(self) -> float:
@@ -79,12 +67,8 @@ class RallyRow:
 def _rallies(
     strokes: pa.Table, found: Sequence[RealRally], frame: pa.Table, added: F64, area: I64, chances_of: "Chances"
 ) -> list[RallyRow]:
-    """Rallies with the probabilities of winning the match.
-
-    Args:
-        found, frame: the rallies with the score, and their table.
-        added, area: ``[N]`` value and target of each stroke; NaN and -1 where unknown.
-    """
+    """Rallies with the probabilities of winning the match; ``found``, ``frame``: the rallies with the score, and their table;
+    ``added``, ``area``: ``[N]`` value and target of each stroke; NaN and -1 where unknown."""
     column = {name: strokes[name].to_numpy(zero_copy_only=False) for name in ("player", "stroke", "shot", "clock")}
     out: list[RallyRow] = []
     for row, rally in zip(frame.to_pylist(), found, strict=True):
@@ -157,10 +141,8 @@ class ShotValue:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Won:
-    """Rallies won of some: label, player, numbers, and the 90 % interval of the share.
-
-    ``clear``: whether more or less than half were won by more than chance, with a correction for the number of tests.
-    """
+    """Rallies won of some: label, player, numbers, and the 90 % interval of the share. ``clear``: whether more or less than half
+    were won by more than chance, with a correction for the number of tests."""
 
     label: str
     player: int
@@ -173,30 +155,20 @@ class Won:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Choice:
-    """A costly decision.
+    """A costly decision."""
 
-    Attributes:
-        player: who decided; ``rally``: index of the rally; ``stroke``: number of the stroke in it, from 1.
-        incoming: catalogue index of the incoming stroke, the number of strokes for a serve; ``contact``: 0 below, 1 above;
-            ``hurried``: whether the player was.
-        played, better: catalogue indices of the stroke and of a better one.
-        cost: rallies won less than with what elite players choose there, per time, calibrated: the change of the live court.
-        played_behind, better_behind: real strokes behind both.
-        times: number of times that the player chose so in the match.
-    """
-
-    player: int
-    rally: int
-    stroke: int
-    incoming: int
-    contact: int
-    hurried: bool
-    played: int
-    better: int
-    cost: Estimate
-    played_behind: float
-    better_behind: float
-    times: int
+    player: int  # who decided
+    rally: int  # index of the rally
+    stroke: int  # number of the stroke in it, from 1
+    incoming: int  # catalogue index of the incoming stroke, the number of strokes for a serve
+    contact: int  # 0 below, 1 above the net
+    hurried: bool  # whether the player was
+    played: int  # catalogue index of the stroke
+    better: int  # that of a better one
+    cost: Estimate  # rallies won less than with what elite players choose there, per time, calibrated
+    played_behind: float  # real strokes behind the one played
+    better_behind: float  # those behind the better one
+    times: int  # number of times that the player chose so in the match
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -340,11 +312,8 @@ def match_report(
 
 
 def _only_match(strokes: pa.Table) -> tuple[str, tuple[str, str]]:
-    """Name and players of the only match of a table; who strikes first is the first player.
-
-    Raises:
-        AnalysisError: the table does not have one match of two players.
-    """
+    """Name and players of the only match of a table; who strikes first is the first player. Raises AnalysisError: the table does
+    not have one match of two players."""
     people = strokes["player"].unique().to_pylist()
     first = [strokes["player"][0].as_py(), strokes["opponent"][0].as_py()] if strokes.num_rows else []
     if len(matches_in(strokes)) != 1 or not set(people) <= set(first):
@@ -354,7 +323,6 @@ def _only_match(strokes: pa.Table) -> tuple[str, tuple[str, str]]:
 
 
 def _said(player: int, tallies: Sequence[Tally], waiting: Sequence[Wait]) -> list[counts.Statement]:
-    """What a player did more than the other one, and how both began rallies."""
     own, other = tallies[player], tallies[1 - player]
     more, ends = (
         [each for each in found if each.share > each.usual]
@@ -364,10 +332,8 @@ def _said(player: int, tallies: Sequence[Tally], waiting: Sequence[Wait]) -> lis
 
 
 def _moments(rallies: Sequence[RallyRow]) -> list[int]:
-    """The rallies with the largest swings, at least half of the largest.
-
-    No more than two are of one game; else the end of a close game would take all places.
-    """
+    """The rallies with the largest swings, at least half of the largest. No more than two are of one game; else the end of a
+    close game would take all places."""
     found: list[int] = []
     for i in sorted((i for i in range(len(rallies)) if not math.isnan(rallies[i].swing)), key=lambda i: -abs(rallies[i].swing)):
         large = not found or 2 * abs(rallies[i].swing) >= abs(rallies[found[0]].swing)
@@ -439,19 +405,12 @@ def _costly(
     results: Sequence[counts.Results],
     before: Sequence[counts.Advised],
 ) -> list[Choice]:
-    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind.
+    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind, none against the results of
+    the match or other advice (``before``). The better stroke has the technique of the stroke played, which follows from where the
+    striker stands; strokes late in a rally are left out, because the game knows no fatigue.
 
-    None is against the results of the match, or against other advice of the report.
-
-    The better stroke has the technique of the stroke played, which follows from where the striker stands. Strokes late in a rally
-    are left out: the game knows no fatigue.
-
-    Args:
-        seat, rally: ``[N]`` striker and rally of each stroke of the match.
-        stakes: ``[2, rallies]`` what each rally is worth to each player, by which costs are ordered; 0: not costly.
-        results: rallies that each player won.
-        before: other advice.
-    """
+    ``seat``, ``rally``: ``[N]`` striker and rally of each stroke; ``stakes``: ``[2, rallies]`` what each rally is worth to each
+    player, by which costs are ordered, 0: not costly; ``results``: rallies that each player won."""
     # Where a fault was aimed at is not recorded.
     row = np.flatnonzero((found.rank >= 0) & (found.rows.outcome != Outcome.FAULT))
     state, number = found.state[row], found.rows.stroke[row]

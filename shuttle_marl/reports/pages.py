@@ -34,39 +34,24 @@ DRILLS: Final = 3
 
 
 class Example(NamedTuple):
-    """A staged rally that shows a habit of the opponent.
+    """A staged rally that shows a habit of the opponent."""
 
-    Attributes:
-        statement: number of the habit on page 1.
-        match: annotated match; empty: the rally is simulated. ``people``: its players.
-        game, points: number of the game, and the points of the opponent and of the other player before the rally.
-    """
-
-    statement: int = 0
-    match: str = ""
-    people: tuple[str, str] = ("", "")
-    game: int = 0
-    points: tuple[int, int] = (0, 0)
+    statement: int = 0  # number of the habit on page 1
+    match: str = ""  # annotated match; empty: the rally is simulated
+    people: tuple[str, str] = ("", "")  # its players
+    game: int = 0  # number of the game
+    points: tuple[int, int] = (0, 0)  # of the opponent and of the other player before the rally
 
 
 class Clips(NamedTuple):
-    """Staged rallies that a page plays, of :mod:`shuttle_marl.court.clips`.
+    """Staged rallies that a page plays, of :mod:`shuttle_marl.court.clips`."""
 
-    Attributes:
-        content: the rallies, as JSON; empty: none.
-        viewer: program that plays them.
-        reason: why there is none.
-        shown: rallies of a match that it plays, by their index.
-        numbers: of the rallies of a match on the live court, from 0, by their index; empty: they cannot be shown there.
-        examples: what each rally of a scouting report shows.
-    """
-
-    content: str = ""
-    viewer: Viewer | None = None
-    reason: str = ""
-    shown: Sequence[int] = ()
-    numbers: Mapping[int, int] = {}
-    examples: Sequence[Example] = ()
+    content: str = ""  # the rallies, as JSON; empty: none
+    viewer: Viewer | None = None  # program that plays them
+    reason: str = ""  # why there is none
+    shown: Sequence[int] = ()  # rallies of a match that it plays, by their index
+    numbers: Mapping[int, int] = {}  # of rallies of a match on the live court, from 0, by their index; empty: not shown there
+    examples: Sequence[Example] = ()  # what each rally of a scouting report shows
 
 
 NO_CLIPS: Final = Clips()
@@ -127,12 +112,8 @@ _RUN = 3  # points in a row that are mentioned
 
 
 def match_page(report: MatchReport, source: "Source | None" = None, clips: Clips = NO_CLIPS) -> bytes:
-    """The match report as the content of a file.
-
-    Args:
-        source: file of the match, for what its data lack; None: without that.
-        clips: its rallies.
-    """
+    """The match report as the content of a file; ``source``: file of the match, for what its data lack (None: without that);
+    ``clips``: its rallies."""
     match, named = report.match, report.players
     if source is not None and isinstance(source.match, tuple) and match:
         match = log_title(*source.match)  # in the language of the page
@@ -262,6 +243,5 @@ def _listed(habit: Habit) -> bool:
 
 
 def _answers(report: ScoutingReport, kinds: Sequence[str]) -> list[Habit]:
-    """All answers to some questions that are not very rare."""
     asked = [habit for habit in report.habits if habit.kind in kinds and _listed(habit)]
     return sorted(asked, key=lambda habit: (kinds.index(habit.kind), habit.about, -habit.share))

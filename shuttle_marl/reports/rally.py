@@ -181,13 +181,9 @@ def legal_states(rally: Rally, game: Layout) -> tuple[I64, I64]:
 def match_win_after(
     value: ProfileValue, points: tuple[int, int], games: tuple[int, int], rules: Rules = BWF
 ) -> tuple[float, float]:
-    """Probability that seat 0 wins the match if it wins the next rally, and if it loses it.
-
-    Args:
-        value: exact values of seat 0 against seat 1.
-        points: points of both in the current game, before the rally.
-        games: games won by both, before the rally.
-    """
+    """Probability that seat 0 wins the match if it wins the next rally, and if it loses it; ``value``: exact values of seat 0
+    against seat 1; ``points``: points of both in the current game, before the rally; ``games``: games won by both, before the
+    rally."""
     odds = value.odds(0)
 
     def after(winner: int) -> float:
@@ -227,11 +223,7 @@ class LogPlayers:
         self._players = functools.cache(self._evaluated)
 
     def of_rally(self, number: int) -> Players:
-        """The players of a rally of the log.
-
-        Raises:
-            RecordingError: the log has no such rally, or is damaged.
-        """
+        """The players of a rally of the log. Raises RecordingError: the log has no such rally, or is damaged."""
         first, second = (self._log.policies[int(policy)] for policy in self._log.rally(number).policy[0])
         return self._players(first, second)
 

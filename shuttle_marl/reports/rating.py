@@ -60,28 +60,17 @@ MATTERS: Final = 0.02  # loss of the position chosen from which it is asked wher
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Rated:
-    """The P legal strokes of N states, one state after the other.
+    """The P legal strokes of N states, one state after the other."""
 
-    Attributes:
-        row: ``[P]`` number of the state.
-        start: ``[N]`` position of the first stroke of each state.
-        stroke, shot: ``[P]`` catalogue index and shot type.
-        behind: ``[P]`` real strokes behind it; NaN: unknown.
-        share: ``[P]`` probability that elite players choose its shot type there.
-        refits: ``[R, P]`` change in each refit, not calibrated.
-        change: ``[P]`` calibrated change.
-        win: ``[P]`` probability that the striker wins the rally.
-    """
-
-    row: I64
-    start: I64
-    stroke: I64
-    shot: I64
-    behind: F64
-    share: F64
-    refits: F64
-    change: F64
-    win: F64
+    row: I64  # [P] number of the state
+    start: I64  # [N] position of the first stroke of each state
+    stroke: I64  # [P] catalogue index
+    shot: I64  # [P] shot type
+    behind: F64  # [P] real strokes behind it; NaN: unknown
+    share: F64  # [P] probability that elite players choose its shot type there
+    refits: F64  # [R, P] change in each refit, not calibrated
+    change: F64  # [P] calibrated change
+    win: F64  # [P] probability that the striker wins the rally
 
     @functools.cached_property
     def best(self) -> I64:
@@ -125,11 +114,9 @@ class Rated:
         return np.where(self.known, found, np.nan)
 
     def question(self, played: int) -> tuple[int, list[int]] | None:
-        """A question about the only state: position of the right answer, and of wrong ones, the stroke played first.
-
-        The right answer is as good as what elite players choose, and clearly better than all others. Of several shot types that
-        are right one is drawn, by the stroke played, so that no rule of thumb knows it.
-        """
+        """A question about the only state: position of the right answer, and of wrong ones, the stroke played first. The right
+        answer is as good as what elite players choose, and clearly better than all others. Of several shot types that are right
+        one is drawn, by the stroke played, so that no rule of thumb knows it."""
         if not self.known[played]:
             return None
 
@@ -214,20 +201,13 @@ def _computed(game: Game) -> Rater:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Places:
-    """The M feasible positions of a receiver, against the K legal strokes of the striker.
+    """The M feasible positions of a receiver, against the K legal strokes of the striker."""
 
-    Attributes:
-        position: ``[M]`` positions, rising.
-        people, perfect: ``[M]`` probabilities of people's choices and of perfect play.
-        win: ``[K, M]`` probability that the striker wins the rally with a stroke, under perfect play from then on.
-        struck: ``[K]`` probabilities of the strokes under perfect play.
-    """
-
-    position: I64
-    people: F64
-    perfect: F64
-    win: F64
-    struck: F64
+    position: I64  # [M] positions, rising
+    people: F64  # [M] probability of people's choice
+    perfect: F64  # [M] that of perfect play
+    win: F64  # [K, M] probability that the striker wins the rally with a stroke, under perfect play from then on
+    struck: F64  # [K] probabilities of the strokes under perfect play
 
     @property
     def loss(self) -> F64:
@@ -285,12 +265,8 @@ class Rating:
         return self.points - 1.96 * self.deviation, self.points + 1.96 * self.deviation
 
     def after(self, scores: Sequence[float], opponents: Sequence["Rating"] | None = None) -> "Rating":
-        """The rating after a rating period.
-
-        Args:
-            scores: of its games, from 0 (lost) to 1 (won).
-            opponents: of each game; None: :data:`PAR`.
-        """
+        """The rating after a rating period; ``scores``: of its games, from 0 (lost) to 1 (won); ``opponents``: of each game
+        (None: :data:`PAR`)."""
         if not all(0 <= score <= 1 for score in scores):
             raise ShuttleError(f"scores {list(scores)}: expected numbers from 0 to 1")
         met = [PAR] * len(scores) if opponents is None else opponents
@@ -323,5 +299,4 @@ def _volatility(sigma: float, phi: float, information: float, surplus: float) ->
     return math.exp(optimize.brentq(f, low, high) / 2) if low < high else sigma
 
 
-PAR: Final = Rating(points=1400.0, deviation=0.0)
-"""Opponent of all decisions: against it the average pro, whose mean quality is 0.63, has about 1500."""
+PAR: Final = Rating(points=1400.0, deviation=0.0)  # opponent of all decisions; against it the average pro has about 1500

@@ -41,21 +41,14 @@ rounded down (``calibration`` of ``python -m experiments.pairs --cross 4``)."""
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Known:
-    """Data about a player in the model.
-
-    Attributes:
-        strokes, matches: in the data of the model.
-        since: day of the estimate of the skill; None: unknown player, who counts as the average one.
-        hand: one of :data:`~shuttle_marl.game.court.HANDS`; None: not known, played as right-handed.
-        imitated: whether the model has the player's own choices; else those of the average player are used.
-    """
+    """Data about a player in the model."""
 
     name: str
-    strokes: int
-    matches: int
-    since: datetime.date | None
-    hand: str | None
-    imitated: bool
+    strokes: int  # in the data of the model
+    matches: int  # in the data of the model
+    since: datetime.date | None  # day of the estimate of the skill; None: unknown player, who counts as the average one
+    hand: str | None  # one of `HANDS`; None: not known, played as right-handed
+    imitated: bool  # whether the model has the player's own choices; else those of the average player are used
 
 
 class Form(NamedTuple):
@@ -228,6 +221,7 @@ def scout(
     )
     counted = counts.serves(strokes, rally_table(strokes), opponent) if mine.any() else None
     found = None if player is None else pair(player, opponent)
+    odds = None if found is None else pair_odds([imitated(found)], tolerance=TOLERANCE)[0]
     return ScoutingReport(
         player=people[1],
         opponent=people[0],
@@ -235,7 +229,7 @@ def scout(
         model=(model, (pair(opponent, AVERAGE) if found is None else found).hash),
         page1=counts.Page1(said, None if compared is None else len(compared), (None, counted)),
         options=compared,
-        rally=None if found is None else float(earned(np.array(odds_of(found)))),
+        rally=None if odds is None else float(earned(np.array(float(odds.rally)))),
         met=None if data is None or player is None else met(strokes, player, opponent),
         season=season(strokes, plays, opponent),
         habits=told,
@@ -258,11 +252,6 @@ def imitated(pair: Game) -> tuple[TabulatedPolicy, TabulatedPolicy]:
         for player, game in zip(people_of(pair).players, pair.seats, strict=True)
     )
     return first, second
-
-
-def odds_of(pair: Game) -> float:
-    """Probability that the first player of a pair wins a rally, both imitated."""
-    return float(pair_odds([imitated(pair)], tolerance=TOLERANCE)[0].rally)
 
 
 def _recent(plays: Plays, strokes: pa.Table) -> list[counts.Habit]:

@@ -23,8 +23,7 @@ from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.reader import is_log
 
-ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
-"""Endings of rallies: a winner, or a fault of the last striker by its kind."""
+ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")  # a winner, or a fault by its kind
 LONGEST: Final = 60  # largest counted length of a rally; longer rallies count as this long
 
 
@@ -117,10 +116,8 @@ class Met(NamedTuple):
 
 
 def met(strokes: pa.Table, first: str, second: str) -> Met:
-    """Results of two players in a table of strokes, by its points, or by the winners of rallies where it has none.
-
-    The last rally of a game that the rules tell counts. Games and matches that were not finished count for neither.
-    """
+    """Results of two players in a table of strokes, by its points, or by the winners of rallies where it has none. The last rally
+    of a game that the rules tell counts. Games and matches that were not finished count for neither."""
     both = pa.array([first, second])
     rows = pc.and_(*(pc.is_in(strokes[name], value_set=both) for name in ("player", "opponent")))
     rallies = [*real_rallies(strokes.filter(rows))]

@@ -37,14 +37,9 @@ LEAST_REFITS: Final = 5  # number of refits below which nothing is advised and n
 
 
 class Value:
-    """Values of strokes for one player.
-
-    Args:
-        game: tables with which the player strikes.
-        values: ``[S]`` each: value to a player, of -1 to 1, of the states in which player 0 strikes and in which player 1 does.
-        seat: of the striker.
-        opponent: policy by which the receiver waits in the game with recovery; None: as people do.
-    """
+    """Values of strokes for one player; ``game``: tables with which the player strikes; ``values``: ``[S]`` each: value to a
+    player, of -1 to 1, of the states in which player 0 strikes and in which player 1 does; ``seat``: of the striker;
+    ``opponent``: policy by which the receiver waits in the game with recovery (None: as people do)."""
 
     def __init__(self, game: Game, values: tuple[F64, F64], seat: int = 0, opponent: StatePolicy | None = None) -> None:
         self._tables = game if opponent is None else met_by(game, opponent)
@@ -76,12 +71,8 @@ def agree(values: F64) -> Bools:
 
 
 def calibrated(values: F64, factor: Estimate | None) -> Estimate:
-    """Calibrated figure: mean over the refits times the factor, with a 90 % interval.
-
-    Args:
-        values: ``[R]`` in each refit.
-        factor: share of advantages that real matches realise, with its 95 % interval; None: unknown, taken as 1.
-    """
+    """Calibrated figure: mean over the refits times the factor, with a 90 % interval; ``values``: ``[R]`` in each refit;
+    ``factor``: share of advantages that real matches realise, with its 95 % interval (None: unknown, taken as 1)."""
     factor = factor or Estimate(1.0, 1.0, 1.0)
     mean, off = float(np.mean(values)), (factor.high - factor.low) / (2 * 1.959964)
     error = NORMAL * float(np.hypot(factor.value * error_of(values), mean * off))
@@ -262,13 +253,9 @@ def _decisions(reference: TabulatedPolicy, found: Placed, value: Value) -> F64:
 
 
 def strokes_before(rows: Rows, name: str, strokes: Ints, n_strokes: int) -> I64:
-    """``[N]`` catalogue index of a previous stroke: n before the serve, -1 where unknown or not in the catalogue.
-
-    Args:
-        name: ``own`` or ``incoming``.
-        strokes: ``[13, 9, 2, 3]`` catalogue index by shot type, area, height and technique.
-        n_strokes: n, the number of strokes in the catalogue.
-    """
+    """``[N]`` catalogue index of a previous stroke: n before the serve, -1 where unknown or not in the catalogue; ``name``:
+    ``own`` or ``incoming``; ``strokes``: ``[13, 9, 2, 3]`` catalogue index by shot type, area, height and technique;
+    ``n_strokes``: n, the number of strokes in the catalogue."""
     shot, area, height, technique = (
         rows.game_codes[f"{name}_{part}"].astype(np.int64) for part in ("shot", "area", "height", "technique")
     )
@@ -279,11 +266,8 @@ def strokes_before(rows: Rows, name: str, strokes: Ints, n_strokes: int) -> I64:
 
 
 def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
-    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is unknown.
-
-    Args:
-        own, incoming: ``[N]`` catalogue indices of the previous strokes (:func:`strokes_before`).
-    """
+    """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is unknown; ``own``,
+    ``incoming``: ``[N]`` catalogue indices of the previous strokes (:func:`strokes_before`)."""
     duel = np.minimum(rows.net_run, LONGEST_DUEL) if game.counts_duels else 0
     effort, opponent_effort = (
         np.minimum(count, game.levels - 1) if game.levels > 1 else 0 for count in (rows.attacks, rows.opponent_attacks)

@@ -45,23 +45,15 @@ class Place:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Wait:
-    """Where a player waits after strokes of one shot type.
+    """Where a player waits after strokes of one shot type."""
 
-    Attributes:
-        player: index of the player.
-        strokes, others: numbers of strokes with a known position, of the player and of the opponents in the same matches.
-        positions: ``[9]`` share of each of :data:`~shuttle_marl.game.recovery.POSITIONS`.
-        depth: distance from the net.
-        side: distance from the middle line towards the forehand side; an unknown hand counts as right.
-    """
-
-    player: int
+    player: int  # index of the player
     shot: str
-    strokes: int
-    others: int
-    positions: tuple[float, ...]
-    depth: Place
-    side: Place
+    strokes: int  # with a known position, of the player
+    others: int  # of the opponents in the same matches
+    positions: tuple[float, ...]  # [9] share of each of `POSITIONS`
+    depth: Place  # distance from the net
+    side: Place  # distance from the middle line towards the forehand side; an unknown hand counts as right
 
 
 def waits(strokes: pa.Table, players: Sequence[str], *, seed: int = 0) -> list[Wait]:

@@ -79,12 +79,8 @@ class Words(Texts):
     def stroke(
         self, catalogue: Catalogue, stroke: int, whose: str, *, met: int = -1, hands: tuple[str | None, str | None] = (None, None)
     ) -> str:
-        """A stroke, such as ``a straight push with the forehand to their backhand side``.
-
-        Args:
-            met: area where it is met; -1: unknown, or a serve, which have no direction.
-            hands: of striker and receiver; None: unknown.
-        """
+        """A stroke, such as ``a straight push with the forehand to their backhand side``; ``met``: area where it is met (-1:
+        unknown, or a serve, which have no direction); ``hands``: of striker and receiver (None: unknown)."""
         shot, target = SHOTS[catalogue.shot[stroke]], int(catalogue.area[stroke])
         if catalogue.is_serve[stroke]:  # it flies diagonally into one service court, of which only the side is a choice
             flicked = (shot, catalogue.technique[stroke]) == ("long-serve", TECHNIQUES.index("backhand"))

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import expit, logit
 
 from shuttle_marl.dynamics import evaluate, fit, skill
-from shuttle_marl.dynamics.choices import fit_choice_shifts, fit_shifts
+from shuttle_marl.dynamics.choices import Choices, fit_shifts
 from shuttle_marl.dynamics.evaluate import calibration_error, log_losses, reliability, scores
 from shuttle_marl.dynamics.features import SLOTS
 from shuttle_marl.dynamics.fitted import tilted
@@ -98,7 +98,7 @@ def test_fitted_shifts_balance_the_data_and_the_prior() -> None:
     for table, at, precision in zip(tables, (one, two), (2.0, 5.0), strict=True):
         expected = np.stack([surplus[at == k].sum(axis=0) for k in range(2)]) / precision
         assert table == pytest.approx(expected, abs=1e-4), "at the mode the gradient is 0"
-    single = fit_choice_shifts(base, np.zeros(60, int), 1, np.zeros(60, int), 1, label, 3.0)
+    single = Choices(base, np.zeros(60, int), np.zeros(60, int), label).shifts(1, 1, 3.0)
     residual = (np.eye(3)[label] - tilted(base, single[0, 0])).sum(axis=0)
     assert single[0, 0] == pytest.approx(residual / 3 + residual / 12, abs=1e-4)
 

@@ -15,13 +15,13 @@ from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.evaluate import as_markdown, write_card
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
+from shuttle_marl.dynamics.make import take_over
 from shuttle_marl.dynamics.recovery import (
     FEATURES,
     GROUPS,
     LEAST_SHARE,
     MIN_ROWS,
     FittedRecovery,
-    copied_recovery,
     fit_recovery,
     load_recovery,
     save_recovery,
@@ -192,8 +192,8 @@ def test_few_positions_give_no_file(model: Path) -> None:
 def test_a_correction_takes_over_the_positions_of_its_prior(model: Path, tmp_path: Path) -> None:
     corrected = tmp_path / "corrected"
     corrected.mkdir()
-    assert copied_recovery(corrected, model) == read_model_card(model)["recovery"]
+    take_over(corrected, model, POSITIONS)
     assert (corrected / POSITIONS).read_bytes() == (model / POSITIONS).read_bytes()
     (model / POSITIONS).unlink()
-    assert copied_recovery(corrected, model) is None
+    take_over(corrected, model, POSITIONS)
     assert not (corrected / POSITIONS).exists()

@@ -209,7 +209,6 @@ def court(time: int) -> list[fox.SceneEntity]:
 
 
 def _net() -> list[fox.CubePrimitive]:
-    """Tape and mesh in nine parts, each as high as the net is there, and the posts."""
     high = laws.NET_HEIGHT
     boxes = [box((side * laws.WIDTH / 2, 0, high / 2), (0.04, 0.04, high), _POST) for side in (-1, 1)]
     width, mesh = laws.WIDTH / 9, laws.NET_DEPTH - laws.TAPE

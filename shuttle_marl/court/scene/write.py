@@ -137,7 +137,6 @@ def _heading(motion: Motion) -> F64:
 
 
 def _transforms(shown: Shown) -> Iterator[Timed]:
-    """Every frame of reference at each instant."""
     frames = frames_of(shown.motion)
     for seconds, placed in zip(shown.motion.time.tolist(), np.stack(list(frames.values()), axis=1).tolist(), strict=True):
         time = shown.at(seconds)
@@ -168,7 +167,6 @@ def _board(shown: Shown, time: int, points: Sequence[int], marked: int | None, l
 
 
 def _commentary(shown: Shown) -> Iterator[Timed]:
-    """Score, strokes and values."""
     rally, trajectory = shown.rally, shown.motion.trajectory
     strokes = [stroke_message(shown, i) for i in range(len(rally))]
     winner, server = int(shown.row.winner[0]), rally.names[rally.server]
@@ -254,7 +252,6 @@ def _spot(place: Floats, width: float, shade: fox.Color) -> fox.CylinderPrimitiv
 
 
 def _flight(shown: Shown, i: int, time: int) -> list[fox.SceneEntity]:
-    """Path of the shuttle, target area, and where the receiver waits."""
     rally, trajectory = shown.rally, shown.motion.trajectory
     path, _ = trajectory.flight.at(i, np.linspace(0, trajectory.end_time[i] - trajectory.time[i], 32))
     seat = int(rally.striker[i])
@@ -269,15 +266,9 @@ def _flight(shown: Shown, i: int, time: int) -> list[fox.SceneEntity]:
 
 
 def select(log: RallyLog, *, rally: int | None = None, match: int | None = None, pairing: int = 0) -> list[int]:
-    """Numbers of the rallies of a scene, in their order: one rally, all of a match, or by default the longest of the log.
-
-    Args:
-        pairing: number of the pairing of the match.
-
-    Raises:
-        WatchError: both rally and match; or the log has no such match or rally.
-        RecordingError: the log is damaged.
-    """
+    """Numbers of the rallies of a scene, in their order: one rally, all of a match, or by default the longest of the log;
+    ``pairing``: number of the pairing of the match. Raises WatchError: both rally and match; or the log has no such match or
+    rally. Raises RecordingError: the log is damaged."""
     if rally is not None and match is not None:
         raise WatchError("expected one of --rally NUMBER, --match NUMBER")
     if rally is not None:

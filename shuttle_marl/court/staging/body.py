@@ -257,12 +257,9 @@ def _gaze(skeleton: Skeleton, chest: F64, middle: F64, shuttle: F64) -> F64:
 
 
 def swing(arm: Arm, angles: F64, wanted: F64, before: F64, after: F64) -> F64:
-    """``[N, 10]`` speeds of the joints at the contacts [rad/s].
-
-    Args:
-        wanted: ``[N, 3]`` target velocity of the strings relative to the chest, in its frame [m/s].
-        before, after: ``[N]`` seconds from the load to the contact, and from there to the follow-through.
-    """
+    """``[N, 10]`` speeds of the joints at the contacts [rad/s]; ``wanted``: ``[N, 3]`` target velocity of the strings relative to
+    the chest, in its frame [m/s]; ``before``, ``after``: ``[N]`` seconds from the load to the contact, and from there to the
+    follow-through."""
     jacobian = limbs.sweet_spot_jacobian(arm, angles)
     back, ahead = angles - limbs.LIMITS[:, 0], limbs.LIMITS[:, 1] - angles
     most = np.minimum(_FASTEST, _ROOM * np.minimum(back / before[:, None], ahead / after[:, None]))

@@ -75,10 +75,8 @@ class Feet(NamedTuple):
 
 
 def standing(plants: Plants, ball: F64, frame: int) -> tuple[Stand, Plants]:
-    """Plants up to a frame, with the next landings of feet ``[2, 3]`` in the air, and the stand that follows.
-
-    A foot that would land much later lands within a few frames, on its path.
-    """
+    """Plants up to a frame, with the next landings of feet ``[2, 3]`` in the air, and the stand that follows. A foot that would
+    land much later lands within a few frames, on its path."""
     kept: Plants = ([], [])
     for foot in (LEFT, RIGHT):
         own = plants[foot]
@@ -98,13 +96,9 @@ def standing(plants: Plants, ball: F64, frame: int) -> tuple[Stand, Plants]:
 
 
 def steps(stands: list[Stand], hips: F64, yaw: F64, reach: F64, fps: int, known: Plants | None = None) -> Plants:
-    """Plan when and where each foot is planted.
-
-    Args:
-        hips, yaw: ``[F, 2]`` the hips over the floor [m], and ``[F]`` their heading [rad].
-        reach: ``[F]`` largest distance of a foot from the hips [m].
-        known: unchanged plants; the first stand is their end.
-    """
+    """Plan when and where each foot is planted; ``hips``, ``yaw``: ``[F, 2]`` the hips over the floor [m], and ``[F]`` their
+    heading [rad]; ``reach``: ``[F]`` largest distance of a foot from the hips [m]; ``known``: unchanged plants; the first stand
+    is their end."""
     feet: Plants = ([], []) if known is None else (known[LEFT][-1:], known[RIGHT][-1:])
     landing = [0, 0] if known is None else [-1, -1]
     sure = (-1, -1) if known is None else (known[LEFT][-1].end, known[RIGHT][-1].end)
@@ -198,10 +192,8 @@ def _reachable(plants: list[Plant], hips: F64, yaw: F64, reach: F64, side: float
 
 
 def lifted(plants: Plants, slips: Bools, done: int) -> bool:
-    """Lift feet before they slip and plant them later; returns whether any plant changed.
-
-    ``slips``: ``[2, F - done]`` whether a foot slips, in frames from ``done`` on.
-    """
+    """Lift feet before they slip and plant them later; returns whether any plant changed. ``slips``: ``[2, F - done]`` whether a
+    foot slips, in frames from ``done`` on."""
     shortened = False
     for foot in (LEFT, RIGHT):
         slipping = done + np.flatnonzero(slips[foot])

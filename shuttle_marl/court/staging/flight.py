@@ -86,10 +86,8 @@ class Flights(NamedTuple):
 
 def shoot(start: F64, end: F64, time: F64) -> Flights:
     """Flights from ``start`` ``[N, 3]`` [m] that are at ``end`` after ``time`` ``[N]`` seconds, but for less than a millimetre.
-
-    Newton's method on the logarithm of the launch speed and its angle, from the exact solution without gravity aimed
-    above the target by the drop that drag allows.
-    """
+    Newton's method on the logarithm of the launch speed and its angle, from the exact solution without gravity aimed above the
+    target by the drop that drag allows."""
     offset = end - start
     distance = np.hypot(offset[:, 0], offset[:, 1])
     heading = offset[:, :2] / np.maximum(distance, 1e-9)[:, None]
@@ -142,13 +140,9 @@ class Bounds:
     apex: tuple[float, float] = _ANY  # greatest height above the floor [m]
 
     def excess(self, flights: Flights, met: int, u: float, *, crosses: bool) -> F64:
-        """``[N]`` distance from the bounds, 0 inside them [m].
-
-        Args:
-            met: 0: below the net or on the floor; 1: above the net.
-            u: how much the range of ``over`` is lowered, 0 to 1.
-            crosses: whether the flights pass the net; otherwise only their speed is bounded.
-        """
+        """``[N]`` distance from the bounds, 0 inside them [m]; ``met``: 0: below the net or on the floor; 1: above the net;
+        ``u``: how much the range of ``over`` is lowered, 0 to 1; ``crosses``: whether the flights pass the net; otherwise only
+        their speed is bounded."""
         out = _KMH * _outside(3.6 * flights.launch_speed, self.kmh)
         if crosses:
             # Infinite if a flight begins beyond the net or does not reach it.

@@ -156,10 +156,8 @@ def turned(angle: F64 | float) -> F64:
 
 
 def from_yaw_pitch_roll(yaw: F64, pitch: F64, roll: F64) -> F64:
-    """``[..., 3, 3]`` turn left by ``yaw``, then bow forward by ``pitch``, then lean right by ``roll`` [rad].
-
-    The axes are the body's own: x to the right, y forward, z up.
-    """
+    """``[..., 3, 3]`` turn left by ``yaw``, then bow forward by ``pitch``, then lean right by ``roll`` [rad]. The axes are the
+    body's own: x to the right, y forward, z up."""
     return _about(_TURN, yaw) @ _about(_BOW, pitch) @ _about(_LEAN, roll)
 
 

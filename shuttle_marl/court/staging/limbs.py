@@ -138,10 +138,8 @@ def _hinged(chain: Mat, axis: F64, angle: float, out: F64) -> Mat:
 
 @compiled
 def _pose(q: F64, arm: Arm, axes: F64, pivots: F64) -> tuple[Mat, Mat, Mat, Mat, Mat]:
-    """Forward kinematics of one arm with ``[10]`` angles: collar bone, upper arm, forearm, hand and racket.
-
-    ``[10, 3]`` axes of the angles and a point on each are written: the first is the origin, the last the middle of the grip.
-    """
+    """Forward kinematics of one arm with ``[10]`` angles: collar bone, upper arm, forearm, hand and racket. ``[10, 3]`` axes of
+    the angles and a point on each are written: the first is the origin, the last the middle of the grip."""
     fixed = arm.axes
     raised = rotation_about(fixed[FORWARD], q[FORWARD])
     put_vec(fixed[FORWARD], axes[FORWARD])
@@ -208,10 +206,8 @@ def _clip(q: F64) -> None:
 
 @compiled
 def _residuals(arm: Arm, goal: tuple[F64, F64, float], racket: Mat, axes: F64, pivots: F64, jacobian: F64, residual: F64) -> None:
-    """Weighted residuals ``[12]`` of one arm to a goal, and their Jacobian ``[12, 10]``.
-
-    ``goal``: ``[4, 3]`` point, shaft, normal, elbow, their ``[4]`` weights, and distance of the point from the grip [m].
-    """
+    """Weighted residuals ``[12]`` of one arm to a goal, and their Jacobian ``[12, 10]``. ``goal``: ``[4, 3]`` point, shaft,
+    normal, elbow, their ``[4]`` weights, and distance of the point from the grip [m]."""
     target, weights, reach = goal
     shaft, elbow = mat_vec(racket, arm.axes[ROLL]), sub(pivots[ELBOW], pivots[TWIST])
     point = add(pivots[ROLL], scaled(reach, shaft))

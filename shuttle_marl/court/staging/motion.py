@@ -90,14 +90,8 @@ class Motion:
         return self.skeletons[seat].racket(right_handed=self.hands[seat] == "right")
 
     def pack(self, first: int = 0) -> bytes:
-        """Pack the motion; ``docs/motion_format.md`` describes the format.
-
-        Args:
-            first: first packed frame; the reader has the previous frames.
-
-        Raises:
-            StagingError: the frame does not exist.
-        """
+        """Pack the motion; ``docs/motion_format.md`` describes the format; ``first``: first packed frame; the reader has the
+        previous frames. Raises StagingError: the frame does not exist."""
         frames, rally = len(self.time), self.trajectory.rally
         if not 0 <= first < frames:
             raise StagingError(f"first frame {first}: this motion has frames 0 to {frames - 1}")
@@ -333,10 +327,8 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None) -> Branch:
 def _prepared(
     trajectory: Trajectory, athlete: Athlete, added: Habits, mood: int, fps: int, branch: Branch | None
 ) -> tuple[Prepared, F64]:
-    """Feet and key poses of one player, and ``[n, 3]`` shift of the hips at each stroke [m].
-
-    Where the racket does not reach the shuttle, the hips are shifted and the contacts are solved again.
-    """
+    """Feet and key poses of one player, and ``[n, 3]`` shift of the hips at each stroke [m]. Where the racket does not reach the
+    shuttle, the hips are shifted and the contacts are solved again."""
     seat, shift, frames = athlete.seat, np.zeros((len(trajectory.time), 3)), len(added.place)
     mirror = np.array([1.0 if athlete.right_handed else -1.0, 1.0])
     past, known, before, walked = None, None, None, None
@@ -360,11 +352,8 @@ def _prepared(
 
 
 def onto_court(rotation: F64, position: F64, feet: Feet, sign: F64) -> tuple[F64, F64, Bools]:
-    """Rotations, positions and plants of a player in the frame of the court.
-
-    ``sign`` turns by half a turn about the vertical (seat 1), mirrors (a left-hander), or both. A mirror swaps the bones of
-    left and right.
-    """
+    """Rotations, positions and plants of a player in the frame of the court. ``sign`` turns by half a turn about the vertical
+    (seat 1), mirrors (a left-hander), or both. A mirror swaps the bones of left and right."""
     position, planted = position * sign, feet.planted.T
     # Without the mirror, the signs are a rotation of the whole player.
     signs = np.array([[sign[1]], [sign[1]], [1.0]])

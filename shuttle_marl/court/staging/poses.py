@@ -51,11 +51,10 @@ OVERHEADS: Final = frozenset({OVERHEAD, AROUND, OVERHEAD_BACKHAND})  # motions t
 LUNGES: Final = frozenset({LUNGE, LUNGE_BACKHAND})
 STRIDES: Final = LUNGES | {KILL, KILL_BACKHAND}  # motions whose stroke frame turns towards the shuttle
 BACKHANDS: Final = frozenset(k for k, name in enumerate(MOTIONS) if "backhand" in name)
-HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
+HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {  # serves: palm against contact [m], release before it [s]
     SERVE_BACKHAND: ((-0.04, 0.02, 0.04), 0.06),
     SERVE_FOREHAND: ((-0.12, 0.04, 0.32), 0.26),
 }
-"""Serves: position of the palm relative to the contact [m], and time of release before the contact [s]."""
 
 
 class Manner(NamedTuple):
@@ -127,13 +126,9 @@ class Stance:
 
 
 def stance_of(motion: int, contact: F64, base: F64, right_handed: bool, natural: F64) -> Stance:
-    """Stance of a player who comes from ``base`` at a contact.
-
-    Args:
-        contact: ``[3]`` position of the shuttle, in the player's own frame [m].
-        base: ``[2]`` position of the player at the opponent's contact [m].
-        natural: ``[3]`` natural contact of this motion, in the stroke frame of a right-hander [m].
-    """
+    """Stance of a player who comes from ``base`` at a contact; ``contact``: ``[3]`` position of the shuttle, in the player's own
+    frame [m]; ``base``: ``[2]`` position of the player at the opponent's contact [m]; ``natural``: ``[3]`` natural contact of
+    this motion, in the stroke frame of a right-hander [m]."""
     way = contact[:2] - base
     far = float(np.clip((np.hypot(*way) - 0.9) / 1.3, 0, 1))
     heading = 0.0
@@ -212,10 +207,8 @@ def bent(trunk_pose: F64, motion: int, need: F64) -> F64:
 
 
 def pointed(motion: int, need: F64) -> tuple[F64, F64]:
-    """``[N, 3]`` directions of shaft and elbow at contacts ``need`` metres above the natural one of a motion.
-
-    In front of the body, a high shuttle is met with the racket up and the elbow down.
-    """
+    """``[N, 3]`` directions of shaft and elbow at contacts ``need`` metres above the natural one of a motion. In front of the
+    body, a high shuttle is met with the racket up and the elbow down."""
     key = STROKES[motion].keys[CONTACT]
     shaft, elbow = (np.tile(unit(np.array(direction)), (len(need), 1)) for direction in (key.shaft, key.elbow))
     if motion in LUNGES:
@@ -246,11 +239,8 @@ class Library:
 
 
 def own_frame(facing: float, right_handed: bool = True) -> F64:
-    """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander.
-
-    Args:
-        facing: sign between both frames, see :meth:`~shuttle_marl.game.rally.Rally.facing`.
-    """
+    """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander; ``facing``: sign
+    between both frames, see :meth:`~shuttle_marl.game.rally.Rally.facing`."""
     return np.array([facing if right_handed else -facing, facing, 1.0])
 
 

@@ -142,19 +142,14 @@ def load_skeleton(name: str) -> Skeleton:
 
 
 def model_file(name: str) -> Path:
-    """The skinned model of a shipped athlete: binary glTF 2.0, y up, facing +z, 52 bones.
-
-    Raises:
-        StagingError: there is no athlete of this name.
-    """
+    """The skinned model of a shipped athlete: binary glTF 2.0, y up, facing +z, 52 bones. Raises StagingError: there is no
+    athlete of this name."""
     return _FOLDER / f"{load_skeleton(name).name}.glb"
 
 
 def finger_pose(name: str, *, right_handed: bool) -> dict[str, F64]:
     """Quaternions (x, y, z, w) of the bent fingers of an athlete's model by bone of the ``.glb`` file, against the parent bone.
-
-    The hand that holds the racket is closed; axes are those of the staging.
-    """
+    The hand that holds the racket is closed; axes are those of the staging."""
     skeleton = load_skeleton(name)
     along, curl = skeleton.fingers
     out: dict[str, F64] = {}
@@ -195,10 +190,8 @@ def collar_of(skeleton: Skeleton, rotation: F64, position: F64, side: str = "Rig
 
 
 def chest_of(skeleton: Skeleton, hips: F64, pose: F64, *, free: bool = False) -> tuple[F64, F64]:
-    """Rotation ``[N, 3, 3]`` of the chest and start ``[N, 3]`` of the collar bone of the racket arm [m].
-
-    ``free``: of the free arm instead, in a mirror: it is solved as a right arm.
-    """
+    """Rotation ``[N, 3, 3]`` of the chest and start ``[N, 3]`` of the collar bone of the racket arm [m]. ``free``: of the free
+    arm instead, in a mirror: it is solved as a right arm."""
     rotation, position = trunk(skeleton, hips, pose[:, :N_TRUNK])
     chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1], "Left" if free else "Right")
     return (np.diag(FLIP) @ chest @ np.diag(FLIP), collar * FLIP) if free else (chest, collar)

@@ -16,8 +16,7 @@ from shuttle_marl.court.staging.trajectory import RETURN, Trajectory
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.stroke import SHOTS
 
-_BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
-"""Times of preparation, take-back and load: seconds before the contact, and limit as a fraction of the flight."""
+_BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))  # preparation, take-back, load: seconds before, limit by flight
 _HURRIED: Final = 0.7  # times before the contact of a hurried player, as a fraction of those of others
 _AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
 _REACTION: Final = 0.675  # strength of the reactions to the end of the rally, from 0 to 1
@@ -88,13 +87,8 @@ def half_time(height: float) -> float:
 
 
 def leap(since: F64, height: float, sink: float) -> tuple[F64, F64]:
-    """``[F]`` heights of the hips, relative to standing, and of the feet in a jump [m].
-
-    Args:
-        since: ``[F]`` time since the top [s].
-        height: of the jump [m].
-        sink: least depth to which the hips sink after the landing [m].
-    """
+    """``[F]`` heights of the hips, relative to standing, and of the feet in a jump [m]; ``since``: ``[F]`` time since the top
+    [s]; ``height``: of the jump [m]; ``sink``: least depth to which the hips sink after the landing [m]."""
     half = half_time(height)
     speed = GRAVITY * half
     air = np.maximum(height - GRAVITY / 2 * since**2, 0.0)
@@ -144,13 +138,9 @@ def placed(spots: F64, root: F64, heading: float) -> tuple[F64, F64]:
 
 
 class TimelineBuilder:
-    """Builder of the timeline of one player.
-
-    Args:
-        hips: ``[F, 2]`` path of the hips over the floor, mirrored for a left-hander [m].
-        higher: ``[n]`` additional height of the hips at each stroke [m].
-        mood: index of the reaction to the end of the rally.
-    """
+    """Builder of the timeline of one player; ``hips``: ``[F, 2]`` path of the hips over the floor, mirrored for a left-hander
+    [m]; ``higher``: ``[n]`` additional height of the hips at each stroke [m]; ``mood``: index of the reaction to the end of the
+    rally."""
 
     def __init__(
         self, trajectory: Trajectory, athlete: Athlete, hips: F64, higher: F64, fps: int, mood: int, past: Past | None = None

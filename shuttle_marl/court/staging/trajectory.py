@@ -140,12 +140,8 @@ def _roll(position: F64, velocity: F64, first: int, start: F64, into: F64, time:
 
 
 def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int, walked: F64 | None = None) -> F64:
-    """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m].
-
-    Args:
-        shift: ``[n, 2]`` added to the root of each stance [m].
-        walked: ``[B, 2]`` the first frames, where the hips have been already, two at least.
-    """
+    """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m]; ``shift``: ``[n, 2]`` added to the
+    root of each stance [m]; ``walked``: ``[B, 2]`` the first frames, where the hips have been already, two at least."""
     weight, target, still = _wishes(trajectory, seat, shift, frames, fps)
     if walked is None:
         return _smoothest(weight, target, still, fps)
@@ -199,9 +195,7 @@ def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int
 @compiled
 def _factor(weight: F64, still: F64, more: float, along: float, across: float, bands: F64) -> None:
     """Cholesky factor of diag(weight) + along · D1' diag(still + more) D1 + across · D2' D2; D1, D2: first, second differences.
-
-    ``bands`` ``[3, F]`` are written: the factor in the row of each frame, two columns before it, one before it, in it.
-    """
+    ``bands`` ``[3, F]`` are written: the factor in the row of each frame, two columns before it, one before it, in it."""
     n = len(weight)
     second, first, diagonal = bands[0], bands[1], bands[2]
     for i in range(n):

@@ -57,7 +57,6 @@ def _text(name: str) -> str:
 
 @functools.cache
 def _by_key(name: str) -> dict[str, str]:
-    """The groups of a JSON file: the name of the group by each of its names."""
     return {key: group for group, keys in json.loads(_text(name)).items() for key in keys}
 
 
@@ -106,10 +105,8 @@ _DATE: Final = re.compile(rf"(?<!\d)(?:{_YEAR}([-./_ ]?)(\d\d)\2(\d\d)|(\d\d?)([
 
 
 def date_of(match: str) -> datetime.date | None:
-    """Date of a match: of a published one as listed, of another that in its name; None without one.
-
-    Forms are ``2025-03-01``, ``20250301``, ``01.03.2025``, and ``31/03/2025`` where the day cannot be a month.
-    """
+    """Date of a match: of a published one as listed, of another that in its name; None without one. Forms are ``2025-03-01``,
+    ``20250301``, ``01.03.2025``, and ``31/03/2025`` where the day cannot be a month."""
     if match in _dates():
         return _dates()[match]
     for found in _DATE.finditer(match):
@@ -130,8 +127,7 @@ def player_id(name: str) -> str:
 
 _TIMEOUT: Final = (10.0, 30.0)
 _TRANSIENT: Final = frozenset({408, 425, 429, 500, 502, 503, 504})
-_PART, _PARTS = 1 << 16, 512
-"""Bytes of a part of a file, and parts that are read of one: 32 MB, far more than a published file has."""
+_PART, _PARTS = 1 << 16, 512  # bytes of a part of a file, and parts read: 32 MB, far more than a published file has
 _RESUME: Final = "complete files are kept: run the same command again to continue"
 
 

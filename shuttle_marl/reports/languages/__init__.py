@@ -15,8 +15,7 @@ from typing import Any, Final, Literal, get_args
 
 from shuttle_marl.base.errors import ShuttleError
 
-Language = Literal["en", "zh", "id"]
-"""English, Chinese in simplified characters, Indonesian."""
+Language = Literal["en", "zh", "id"]  # English, Chinese in simplified characters, Indonesian
 LANGUAGES: Final[tuple[Language, ...]] = get_args(Language)
 FOLDER: Final = Path(__file__).parent
 _CURRENT: Final[ContextVar[Language]] = ContextVar("language", default="en")
