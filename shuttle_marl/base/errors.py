@@ -108,6 +108,11 @@ def printable(text: str, *, keep: str = "") -> str:
     return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
+def counted(number: int, one: str, many: str | None = None) -> str:
+    """A number of things, with the word for one or for several: ``1 rally``, ``2 rallies``."""
+    return f"{number:,} {one if number == 1 else many or one + 's'}"
+
+
 def command(name: str, *arguments: str) -> str:
     """A command line of the package that works as printed: it names the interpreter in use, and is quoted."""
     here, found = Path(sys.executable).absolute(), shutil.which("python")

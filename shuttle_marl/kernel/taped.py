@@ -141,9 +141,10 @@ class TapeReader:
             raise OptionError(f"{batch.n_opponents} opponents: up to {_MOST_OPPONENTS} can be recorded")
         assert batch.tape is not None
         self._batch, self._add, self._finish, self._matches = batch, add, finish, 0
-        self._thread = ThreadPoolExecutor(1, "reading a tape") if thread else None
+        self._thread = ThreadPoolExecutor(1, "reading a tape")
         self._reading: Future[None] | None = None
-        self._other = new_tape(len(batch), scored=batch.matches is not None)  # swapped with the batch's while that is read
+        # Swapped with the batch's, which the thread then reads.
+        self._other = new_tape(len(batch), scored=batch.matches is not None) if thread else None
         self._begin(0)
 
     def _begin(self, seed: int) -> None:
@@ -162,8 +163,7 @@ class TapeReader:
     def close(self) -> None:
         """Read the rest, and finish."""
         self.reseed(0)
-        if self._thread is not None:
-            self._thread.shutdown()
+        self._thread.shutdown()
         self._finish()
 
     def step(self) -> None:
@@ -176,7 +176,7 @@ class TapeReader:
         assert tape is not None
         if 2 * int(tape.used.max()) < tape.code.shape[1]:
             return
-        if self._thread is None:
+        if self._other is None:
             self._read(tape)
             return
         self._wait()

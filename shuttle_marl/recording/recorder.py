@@ -17,6 +17,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
+from shuttle_marl.base.errors import counted
 from shuttle_marl.base.files import problem
 from shuttle_marl.game.draws import pairing_key
 from shuttle_marl.game.rally import Rallies, columns_of
@@ -171,8 +172,8 @@ class RallyLogWriter(LogContext):
             yield
         except OSError as error:
             self.abort()
-            told = f"{self._part}: cannot be written ({error.strerror}); the {self.rallies} rallies before it are complete"
-            raise RecordingError(f"{told}: free disk space and resume, or {advice(self._part)}") from error
+            kept = f"cannot be written ({error.strerror}); it holds {counted(self.rallies, 'complete rally', 'complete rallies')}"
+            raise RecordingError(f"{self._part}: {kept}: free disk space and resume, or {advice(self._part)}") from error
 
     def _write(self, rallies: Rallies) -> None:
         self.write_message(self.rallies, encode(self.rallies, rallies, len(self.header.strokes)), rallies)
@@ -193,9 +194,10 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         RecordingError: the unfinished log has another header or fewer undamaged rallies, or cannot be written.
     """
     source = set_aside(path)
+    told = counted(rallies, "rally", "rallies")
     with log_file.damage(path):
         if not rallies:
-            if path.exists() and log_file.read_header(log_file.content_of(path))[0] != header:
+            if path.exists() and log_file.open_log(path)[1] != header:
                 raise RecordingError("the log of another run; delete it or choose another name")
             for file in files_of(path):
                 file.unlink()
@@ -205,7 +207,7 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         elif files := files_of(path):
             os.replace(files[0], source)
         else:
-            raise RecordingError(f"{unfinished(path).name}: is missing, with the {rallies} rallies that were played; start again")
+            raise RecordingError(f"{unfinished(path).name}: is missing, with {told} that the run has played; start again")
     before, batches = salvage(source)
     if before != header:
         raise RecordingError(f"{source}: another game, other policies or another seed than this run has; start again")
@@ -216,7 +218,7 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         writer.write_message(first, data, batch)
     if writer.rallies != rallies:
         writer.abort()
-        raise RecordingError(f"{source}: {rallies} rallies were played, {writer.rallies} are undamaged; start again")
+        raise RecordingError(f"{source}: the run has played {told}, of which {writer.rallies:,} undamaged; start again")
     writer.flush()
     source.unlink()
     return writer
