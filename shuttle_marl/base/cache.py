@@ -29,8 +29,7 @@ _ROOMS: Final = ("exact", "game", "kernel", "policy")  # rooms of the code betwe
 _WAIT_S: Final = 20.0
 _HASH: Final = 64
 _LOG: Final = logging.getLogger(__name__)
-_MEMORY: Final = contextvars.ContextVar[dict[bytes, bytes] | None]("memory", default=None)
-"""Results by key where the database is not used."""
+_MEMORY: Final = contextvars.ContextVar[dict[bytes, bytes] | None]("memory", default=None)  # results, where no database is used
 
 
 @contextlib.contextmanager

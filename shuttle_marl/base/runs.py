@@ -129,11 +129,7 @@ class Run:
             shutil.rmtree(old, ignore_errors=True)
 
     def saved(self, *names: str) -> tuple[dict[str, Any], list[bytes]] | None:
-        """The description of the last checkpoint, and the content of its files; None without a checkpoint.
-
-        Raises:
-            RunError: it is damaged.
-        """
+        """Description and files of the last checkpoint; None without one. Raises RunError: it is damaged."""
         if not (folders := self._checkpoints()):
             return None
         try:
@@ -299,11 +295,7 @@ def locked(path: Path, file: Path | None = None) -> Iterator[None]:
 
 
 def read_json(path: Path, kind: type[T]) -> T:
-    """Read a JSON file of a run folder as a type, see :func:`shuttle_marl.base.files.read_json`.
-
-    Raises:
-        RunError: it is missing or damaged, or not of this type.
-    """
+    """Read a JSON file of a run folder as a type. Raises RunError: it is missing or damaged, or not of this type."""
     try:
         return files.read_json(path, kind)
     except FileReadError as error:
@@ -328,11 +320,7 @@ class Journal:
         self._path, self._go_on, self._restore = path, go_on, restore
 
     def append(self, lines: Sequence[dict[str, Any]]) -> None:
-        """Append lines, synchronised to the disk. After an error none of them is there, and the next ones can be appended.
-
-        Raises:
-            RunError: the file cannot be written.
-        """
+        """Append lines, synchronised to the disk; after an error none is there, and others can be. Raises RunError: no room."""
         content = b"".join(files.seal(line, indent=None) for line in lines)
         try:
             with self._path.open("ab", buffering=0) as file:
@@ -363,11 +351,7 @@ class Journal:
         return [self._parsed(number, line) for number, line in enumerate(whole, 1)]
 
     def keep(self, count: int) -> None:
-        """Remove all but the first lines.
-
-        Raises:
-            RunError: the file cannot be read, a line that stays is damaged, or there are fewer.
-        """
+        """Remove all but the first lines. Raises RunError: unreadable, a line that stays is damaged, or there are fewer."""
         whole = self._content()
         *lines, _ = whole.split(b"\n")
         if len(lines) < count:

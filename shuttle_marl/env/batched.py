@@ -31,10 +31,7 @@ with hinted():
 
 
 class _Choices(Categorical):
-    """Choices with a mask of the present state, from which collectors sample if they have no policy.
-
-    They sample from copies of the specification, which share the mask.
-    """
+    """Choices with a mask of the present state, which copies share: collectors without a policy sample from a copy."""
 
     _shared: list[torch.Tensor | None]
 

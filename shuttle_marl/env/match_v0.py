@@ -20,15 +20,7 @@ __all__ = ["env", "raw_env"]
 def env(
     *, action: ActionView = "flat", mask: MaskView = "observation", info: InfoView | None = None, **kwargs: Any
 ) -> CheckedEnv | PlainEnv:
-    """The environment with PettingZoo's checks; an illegal stroke loses the match.
-
-    Args:
-        action, mask, info: as of :func:`shuttle_marl.env.rally_v0.env`.
-        **kwargs: arguments of :class:`raw_env`.
-
-    Raises:
-        OptionError: an invalid option.
-    """
+    """The environment with PettingZoo's checks, as :func:`shuttle_marl.env.rally_v0.env`; an illegal stroke loses the match."""
     return wrapped(raw_env(**kwargs), action, mask, info)
 
 

@@ -30,11 +30,7 @@ class RenderError(ShuttleError):
 
 @functools.cache
 def _pygame() -> Any:
-    """The module, which is optional, and imported when the first picture is drawn.
-
-    Raises:
-        RenderError: it is not installed.
-    """
+    """The module, which is optional, and imported when the first picture is drawn. Raises RenderError: it is not installed."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     try:
         return importlib.import_module("pygame")
@@ -200,11 +196,7 @@ def px(point: Point) -> F64:
 
 
 class CourtRenderer:
-    """Draws snapshots; opens a window when first asked to show one.
-
-    Raises:
-        RenderError: pygame is not installed.
-    """
+    """Draws snapshots; opens a window when first asked to show one. Raises RenderError: pygame is not installed."""
 
     def __init__(self, title: str, *, fps: float) -> None:
         self._pygame, self._title, self._fps = _pygame(), title, fps

@@ -184,12 +184,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         raise NotImplementedError
 
     def _vectors(self, rows: Intp, state: I32, own: Bools, waits: Bools) -> npt.NDArray[Any]:  # noqa: ARG002
-        """``[D, w]`` what the learners of some rows see in states.
-
-        Args:
-            own: ``[D]`` whether they are the strikers.
-            waits: ``[D]`` whether they are to choose a position.
-        """
+        """``[D, w]`` what the learners of some rows see in states, as strikers (``own``) or to choose a position (``waits``)."""
         if self._features is None:
             found = self.game.observation(state)
             found = np.where(own[:, None], found, found[:, SWAP_TOKENS])

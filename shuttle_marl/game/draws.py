@@ -14,8 +14,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I32, I64, U16, U64, Intp, Ints, UInts
 from shuttle_marl.base.errors import seed_number
 
-CHOICE_ONE: Final = 65535
-"""Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative probability can also say "certainly"."""
+CHOICE_ONE: Final = 65535  # draws that choose lie in [0, 65535), so that a 16-bit cumulative probability can say "certainly"
 
 POSITION_SHIFT: Final = np.uint64(16)  # bits by which a draw is shifted to choose a position instead of a stroke
 

@@ -199,11 +199,7 @@ class Game(Layout):
 
     @functools.cached_property
     def limits(self) -> U16:
-        """``[L, base pairs, 3]`` thresholds at each own effort; those at effort 0 are ``threshold``.
-
-        Raises:
-            GameError: in the game of a pair, each seat has its own.
-        """
+        """``[L, base pairs, 3]`` thresholds by own effort. Raises GameError: in the game of a pair, each seat has its own."""
         if self.people is not None:
             advice = "take those of a seat, game.seats[0]"
             raise GameError(f"the game of {self.people.title} has the tables of both players; {advice}")

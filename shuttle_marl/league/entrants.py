@@ -105,11 +105,7 @@ class LeagueConfig:
         return fixed
 
     def load(self) -> Game:
-        """The game that is played.
-
-        Raises:
-            GameError: the model does not exist, or has no skill of the players.
-        """
+        """The game that is played. Raises GameError: the model does not exist, or has no skill of the players."""
         if self.players is None:
             return resolve_game(self.game, self.profile)
         return pair_game(*self.players, date=self.date, discipline=self.profile, game=self.game)

@@ -76,10 +76,7 @@ class PlayerRow:
 
 
 def players_of(discipline: Profile, game: str = "default", some: Sequence[str] = ()) -> list[str]:
-    """Players of a discipline whose skill a model has.
-
-    Args:
-        some: only these, in this order; empty: all.
+    """Players of a discipline whose skill a model has; ``some``: these alone, in this order; empty: all.
 
     Raises:
         GameError: the model has no skill, or not of all these players.

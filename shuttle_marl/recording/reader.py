@@ -120,13 +120,10 @@ class RallyLog:
         return int(np.searchsorted(self._first_batch, max(i, 0), side="right")) - 1
 
     def numbers_of_match(self, pairing: int, match: int, rally: int | None = None) -> I64:
-        """Numbers of the rallies of one match, in order; empty if the log has none.
-
-        Args:
-            rally: number of a rally, in whose log the match is looked for; None: in all logs of the folder.
+        """Numbers of the rallies of one match, in order; of several logs in that of ``rally``; empty if there are none.
 
         Raises:
-            RecordingError: several logs of the folder have such a match.
+            RecordingError: several logs have such a match, and no rally is named.
         """
         found: dict[int, list[I64]] = {}
         if 0 <= pairing < len(self.pairings) and 0 <= match < 1 << 32:

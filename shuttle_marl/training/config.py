@@ -158,11 +158,7 @@ class TrainingConfig(RunConfig):
         return -1.0 if self.self_play else 1.0
 
     def bonuses(self) -> dict[str, float]:
-        """Bonus of each shot type in ``bonus``.
-
-        Raises:
-            TrainingError: an entry is not SHOT=POINTS.
-        """
+        """Bonus of each shot type in ``bonus``. Raises TrainingError: an entry is not SHOT=POINTS."""
         points = {}
         for entry in self.bonus:
             shot, _, number = entry.partition("=")

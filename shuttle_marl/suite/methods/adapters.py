@@ -158,12 +158,7 @@ def respond(opponent: StatePolicy, p: float) -> TabulatedPolicy:
 
 
 def mean_of(types: Sequence[TabulatedPolicy], weight: F64, *, least: float = 0.0) -> PairPolicy:
-    """The mean of types, choice by choice, as they strike at effort 0.
-
-    Args:
-        weight: ``[K]`` of the types.
-        least: weight of a type from which on its positions count.
-    """
+    """The mean of types by ``[K]`` weights, choice by choice, at effort 0; ``least``: weight from which positions count."""
     kept = np.where(weight > least, weight, 0)
     parts = [share * policy.position_probabilities() for policy, share in zip(types, kept / kept.sum(), strict=True) if share]
     return PairPolicy(game=types[0].game, probability=weight @ chances(tuple(types)), positions=np.sum(parts, axis=0))
