@@ -20,7 +20,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import shuttle_marl
 from shuttle_marl.base import files
@@ -44,6 +44,25 @@ _noted: Final[list[int]] = []  # interrupts within `interrupts_held`
 
 class RunError(ShuttleError):
     """A run folder that cannot be used."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Options of every run: its folder, and the model of its game."""
+
+    error: ClassVar[type[ShuttleError]]  # of a value that is out of bounds
+
+    out: Path | None = None
+    """Run folder; default: runs/ and the name of the run, such as league-0 or ppo-0; numbered if that exists."""
+    resume: bool = False
+    """Continue the unfinished run in --out, or else the latest one of the default name."""
+    overwrite: bool = False
+    """Replace the run in --out."""
+    game: str = "default"
+    """Model of the game: a shipped one or a folder."""
+
+    def __post_init__(self) -> None:
+        files.check_bounds(self, self.error)
 
 
 class _BusyError(RunError):
@@ -309,12 +328,7 @@ def write_json(path: Path, fields: Mapping[str, object]) -> None:
 
 
 class Journal:
-    """File of JSON objects, one a line, that one process appends to; each sealed.
-
-    Args:
-        go_on: what to do after a write that failed, for errors.
-        restore: what to do about a file that cannot be read.
-    """
+    """File of JSON objects, one a line, each sealed, that one process appends to; ``go_on``, ``restore``: advice in errors."""
 
     def __init__(self, path: Path, go_on: str = "continue with --resume", restore: str = _ADVICE) -> None:
         self._path, self._go_on, self._restore = path, go_on, restore
