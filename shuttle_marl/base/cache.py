@@ -58,12 +58,7 @@ def _sources_hash(rooms: tuple[str, ...]) -> str:
 
 
 def key_of(*parts: str, rooms: tuple[str, ...] = ()) -> bytes:
-    """The key of a result of this version of the code.
-
-    Args:
-        parts: everything else that the result depends on.
-        rooms: that compute it, beside those between the tables of a game and a policy.
-    """
+    """Key of a result of this code; ``parts``: all else that it depends on; ``rooms``: of code, beside those that all need."""
     return hashlib.sha256(" ".join(parts).encode()).digest() + bytes.fromhex(_sources_hash((*_ROOMS, *rooms)))
 
 

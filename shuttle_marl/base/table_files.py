@@ -109,10 +109,7 @@ def csv_bytes(table: pa.Table) -> bytes:
 
 
 def without_formulas(table: pa.Table) -> pa.Table:
-    """The table with dictionaries decoded, and an apostrophe before text that a spreadsheet would interpret as a formula.
-
-    Formulas start with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return.
-    """
+    """The table without dictionaries; an apostrophe precedes ``=``, ``+``, ``-``, ``@``, tab and return, as in formulas."""
     for at, field in enumerate(table.schema):
         kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
         if pa.types.is_string(kind):

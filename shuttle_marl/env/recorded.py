@@ -134,7 +134,6 @@ class Recording:
         self.add(
             Rallies.of(
                 self._game,
-                pairing=np.zeros(len(rows), np.uint32),
                 match=match.astype(np.uint32),
                 rally=np.array([row.rally for row in rows], np.uint16),
                 policy=np.tile(np.array([0, 1], np.uint16), (len(rows), 1)),

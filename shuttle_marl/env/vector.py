@@ -315,13 +315,7 @@ class MatchVectorEnv(VersusVectorEnv):
     Args:
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        num_envs, opponent, seat, game, mask, info, threads, record, history: as of :class:`RallyVectorEnv`.
-
-    Raises:
-        OptionError: an invalid option.
-        KernelError: likewise.
-        PolicyError: an opponent does not exist, reads the score, or does not return a distribution over the legal strokes.
-        GameError: the model does not exist.
+        num_envs, opponent, seat, game, mask, info, threads, record, history: as of :class:`RallyVectorEnv`, and the errors.
     """
 
     def __init__(

@@ -127,12 +127,7 @@ def with_fault_odds(threshold: U16, odds: int) -> U16:
 
 
 def odds_of_steps(steps: I64, *, step: float) -> Odds:
-    """Multipliers and divisors of odds, exact by definition.
-
-    Args:
-        steps: whole numbers of any shape, at most 8 in log-odds.
-        step: difference of log-odds of one step; a power of two.
-    """
+    """Multipliers and divisors of odds, exact; ``steps``: whole numbers, at most 8 in log-odds; ``step``: a power of two."""
     sizes, place = np.unique(np.abs(steps), return_inverse=True)
     with decimal.localcontext(decimal.Context(prec=40)):
         odds = [(decimal.Decimal(step) * k).exp() * ONE for k in sizes.tolist()]

@@ -135,11 +135,7 @@ def reads_score(policy: Policy) -> bool:
 
 
 def reads_history(policy: Policy) -> bool:
-    """Whether a policy reads the rally so far, so that it plays only where matches are played stroke by stroke.
-
-    Raises:
-        PolicyError: asking it raised.
-    """
+    """Whether a policy reads the rally so far, so it plays only stroke by stroke. Raises PolicyError: asking it raised."""
     with _blamed(f"reads_history of {type(policy).__name__} raised"):
         return bool(getattr(policy, "reads_history", False))
 
@@ -176,11 +172,7 @@ def checked_probabilities(policy: Policy, states: States) -> F64:
 
 
 def checked_positions(policy: Policy, states: States) -> F64:
-    """``[B, 9]`` probabilities of the positions of a policy in the game with recovery; those of people if it has none.
-
-    Raises:
-        PolicyError: the policy raised, or a row is no distribution over the feasible positions.
-    """
+    """``[B, 9]`` positions of a policy, of people if it has none. Raises PolicyError: it raised, or a row is no distribution."""
     people = states.game.people_positions(states.state)
     return _checked(policy.positions, called(policy), states, people > 0, "position") if isinstance(policy, Waits) else people
 

@@ -268,9 +268,9 @@ class Rallies:
 
     @classmethod
     def of(cls, game: Game, **columns: Any) -> "Rallies":
-        """Rallies of a game, without the positions of receivers if none has a choice."""
-        lacking = {*OPTIONAL} - {*columns_of(game, *columns)}
-        return cls(**{name: column for name, column in columns.items() if name not in lacking})
+        """Rallies of a game, of pairing 0 if none is given, without the positions of receivers if none has a choice."""
+        lacking, pairing = {*OPTIONAL} - {*columns_of(game, *columns)}, np.zeros(len(columns["length"]), np.uint32)
+        return cls(**{"pairing": pairing, **{name: column for name, column in columns.items() if name not in lacking}})
 
     @property
     def places(self) -> I8:

@@ -131,11 +131,7 @@ def load_positions(folder: Path) -> Recovery:
 
 @functools.cache
 def waiting_places() -> F64:
-    """``[9, 2]`` place of each position, the mean of people's in the shipped model: towards the forehand side, from the net [m].
-
-    Raises:
-        OSError, ValueError: the model cannot be read.
-    """
+    """``[9, 2]`` mean place of people at each position: towards the forehand side, from the net [m]; of the shipped model."""
     return frozen(checked(read_model(_MODELS / "default", POSITIONS).arrays["mean"], np.float64, (N_POSITIONS, 2)))
 
 
@@ -216,12 +212,7 @@ def unpacked(tensors: Tensors, game: Game, name: str, folder: Path) -> Game:
 
 
 def packed(game: Game, others: Mapping[str, Game], *, coarse: Collection[str] = ()) -> bytes:
-    """Content of a file of variants (safetensors).
-
-    Args:
-        others: variants by name, of the same layout; their nearest steps are stored.
-        coarse: names of variants that are stored in multiples of :data:`COARSE` steps.
-    """
+    """Content of a file of variants (safetensors), by their nearest steps; ``coarse``: those in multiples of :data:`COARSE`."""
     arrays: dict[str, npt.NDArray[Any]] = {}
     hashes = {}
     for name, other in others.items():
@@ -378,11 +369,7 @@ def factors_of(folder: Path) -> dict[str, Estimate] | None:
 
 
 def factor_of(game: Game) -> Estimate | None:
-    """Factor of the advantages of a game at the end of the rally; None where it is not known: without a model or factors.
-
-    Raises:
-        GameError: the model card cannot be read.
-    """
+    """Factor of advantages at the end of the rally; None without a model or factors. Raises GameError: the card is unreadable."""
     folder = folder_of(game)
     factors = None if folder is None else factors_of(folder)
     return None if factors is None else factors.get("end")
@@ -496,11 +483,7 @@ def least_support(game: Game) -> int:
 
 
 def supported(game: Game, at_least: float) -> Bools:
-    """``[base pairs]`` whether a stroke has at least so many real strokes behind it, or the most of its state.
-
-    Raises:
-        GameError: ``at_least`` is above 0, and the numbers are not known.
-    """
+    """``[base pairs]`` whether so many real strokes, or the most of its state, are behind it. Raises GameError: not known."""
     if at_least <= 0:
         return np.ones(game.n_base_pairs, dtype=np.bool_)
     real = real_strokes(game)

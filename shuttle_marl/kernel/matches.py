@@ -130,14 +130,8 @@ def _begin(lanes: Rows, log: _Log, first_server: I8) -> None:
 
 @compiled
 def _play(tables: Tables, players: Players, lanes: Rows, live: int, log: _Log, step: int, given: I64) -> tuple[int, int]:
-    """Play in the first ``live`` lanes until all matches are over or the capacity for strokes is reached.
-
-    ``lanes.rally`` is the index of the match. All matches start together and never wait, so stroke n of each match is played in
-    step n. Returns the number of lanes that are still live, and the next step.
-
-    Args:
-        given: ``[2, live]`` ranks and positions of one stroke, which alone is played; ``[2, 0]``: the tables choose.
-    """
+    """Play in the first ``live`` lanes while there is room, or one stroke of ``given`` ranks and positions ``[2, live]``."""
+    # All matches start together and never wait, so stroke n of each is played in step n; `lanes.rally` is the index of a match.
     entrant, keep, asked = log.entrant, log.stroke.shape[1] > 0, given.shape[1] > 0
     block = core.new_block(live)
     while live > 0 and (not keep or step < log.stroke.shape[1]):
@@ -211,7 +205,6 @@ class _Running:
         noted = np.concatenate([log.stroke[:0].ravel(), *of_matches])
         rallies = Rallies.of(
             self.game,
-            pairing=np.zeros(len(match), np.uint32),
             match=match.astype(np.uint32),
             rally=rally.astype(np.uint16),
             policy=log.entrant[match].astype(np.uint16),
@@ -342,10 +335,7 @@ def _decisions(game: Game, state: I32, striker: I32, score: I32, history: I32 | 
 
 
 def asking(game: Game, policies: Sequence[Policy], *, positions: bool = False) -> Choose:
-    """Strokes, or positions, of policies: tables are read, others are asked at every stroke, see :func:`ask`.
-
-    Entrants are indices into the policies.
-    """
+    """Strokes, or positions, of policies by their index: tables are read, others are asked at every stroke, see :func:`ask`."""
     read, evaluate = (TabulatedPolicy.choose_position, ask_position) if positions else (TabulatedPolicy.choose, ask)
 
     def choose(entrant: I32, *situation: I32) -> Intp:

@@ -523,10 +523,7 @@ class RallyBatch:
         in_slices(lambda a, b: observe_rows(self._tables, self.rows, self._other, observed, a, b), len(self), self.threads)
 
     def random_actions(self) -> tuple[I64, I64]:
-        """``[B]`` a random legal stroke or position of each row, by the draw of its next stroke.
-
-        And ``[B]`` a random position of each receiver, for rows without opponents.
-        """
+        """``[B]`` random legal strokes or positions, by the next draws, and without opponents ``[B]`` random positions."""
         stroke, position = np.empty(len(self), np.int64), np.zeros(len(self), np.int64)
         args = (self._tables, self.rows, self._other, stroke, position)
         in_slices(lambda a, b: choose_uniform(*args, a, b), len(self), self.threads)

@@ -313,7 +313,6 @@ def _rallies_of(game: Game, learned: Learned, played: Played, tape: Tape, number
     policy[:, 1] = np.maximum(played.opponent[rows], 0)
     return Rallies.of(
         game,
-        pairing=np.zeros(len(number), np.uint32),
         match=number.astype(np.uint32),
         rally=np.zeros(len(number), np.uint16),
         policy=policy,

@@ -75,12 +75,7 @@ def _anchor(met: Bools) -> F64:
 
 
 def wins_of(cells: F64, pairs: Intp, n: int) -> F64:
-    """``[..., n, n]`` matches won, for :func:`bradley_terry`.
-
-    Args:
-        cells: ``[..., P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
-        pairs: ``[P, 2]`` the entrants of each pairing.
-    """
+    """``[..., n, n]`` matches won in ``[..., P, 3]`` cells by the number that the first of the ``[P, 2]`` entrants won."""
     wins = np.zeros((*cells.shape[:-2], n, n))
     wins[..., pairs[:, 0], pairs[:, 1]] = cells[..., 1] + 2 * cells[..., 2]
     wins[..., pairs[:, 1], pairs[:, 0]] = cells[..., 1] + 2 * cells[..., 0]

@@ -66,11 +66,7 @@ SUFFIX: Final = ".mcap"
 
 @functools.cache
 def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
-    """Columns of a log: stroke numbers take one byte in a game of up to 256 strokes, else two.
-
-    Args:
-        columns: the columns of :data:`shuttle_marl.game.rally.OPTIONAL` in the log.
-    """
+    """Columns of a log with some of :data:`shuttle_marl.game.rally.OPTIONAL`; strokes take a byte in games of up to 256."""
     rows = _ROW | {name: kind for name, kind in _FURTHER.items() if name in columns}
     kinds = {"stroke": pa.from_numpy_dtype(stroke_dtype(n_strokes)), "hurried": pa.bool_(), "waited": pa.int8()}
     lists = [("strokes", "stroke"), *((name, name) for name in PER_STROKE if name == "hurried" or name in columns)]

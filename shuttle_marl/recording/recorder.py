@@ -51,14 +51,7 @@ class RallyLogWriter(LogContext):
     If the disk is full or fails, each call is a :class:`RecordingError`, and earlier batches are complete.
     """
 
-    def __init__(
-        self,
-        path: Path | str,
-        header: LogHeader,
-        *,
-        batch_rallies: int = 4096,
-        fsync_seconds: float = 5.0,
-    ) -> None:
+    def __init__(self, path: Path | str, header: LogHeader, *, batch_rallies: int = 4096, fsync_seconds: float = 5.0) -> None:
         """Start a log.
 
         Args:
@@ -72,10 +65,25 @@ class RallyLogWriter(LogContext):
         if batch_rallies < 1:
             raise RecordingError(f"batch_rallies {batch_rallies}: expected 1 or more")
         self.path, self.header = Path(path), header
-        self._part = unfinished(self.path)
+        self._part = part = unfinished(self.path)
         self._batch_rallies, self._fsync_seconds = batch_rallies, fsync_seconds
         self._waiting: list[Rallies] = []
-        self._open()
+        try:
+            if self.path.exists():
+                raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
+            if part.exists():
+                raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = part.open("xb")
+        except (OSError, ValueError) as error:  # ValueError: an invalid file name
+            raise RecordingError(f"{part}: cannot be written ({problem(error)})") from error
+        try:
+            self._log = log_file.LogFileWriter(self._file, header)
+        except OSError as error:
+            self.abort()
+            part.unlink()
+            raise RecordingError(f"{part}: cannot be written ({error.strerror}); nothing was recorded") from error
+        self._synced = time.monotonic()
 
     @property
     def rallies(self) -> int:
@@ -141,25 +149,6 @@ class RallyLogWriter(LogContext):
         """Stop writing and leave ``FILE.part`` behind, for :func:`shuttle_marl.recording.recover` or a resumed run."""
         with contextlib.suppress(OSError):  # it writes what an earlier error left in its buffer
             self._file.close()
-
-    def _open(self) -> None:
-        path, part = self.path, self._part
-        try:
-            if path.exists():
-                raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
-            if part.exists():
-                raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = part.open("xb")
-        except (OSError, ValueError) as error:  # ValueError: an invalid file name
-            raise RecordingError(f"{part}: cannot be written ({problem(error)})") from error
-        try:
-            self._log = log_file.LogFileWriter(self._file, self.header)
-        except OSError as error:
-            self.abort()
-            part.unlink()
-            raise RecordingError(f"{part}: cannot be written ({error.strerror}); nothing was recorded") from error
-        self._synced = time.monotonic()
 
     def _sync(self) -> None:
         os.fsync(self._file.fileno())
@@ -252,11 +241,7 @@ class RallyRecorder(LogContext):
         return cls(RallyLogWriter(path, header, **options))
 
     def add(self, rallies: Rallies) -> None:
-        """Record some finished rallies; blocks while the queue is full.
-
-        Args:
-            rallies: the rallies; their arrays must not be changed afterwards.
-        """
+        """Record finished rallies, whose arrays must not be changed afterwards; blocks while the queue is full."""
         if len(rallies):
             self._raise()
             while self._queue and (self._queue[0][1].done() or self._waiting > self._limit):

@@ -125,11 +125,7 @@ def find(task: str, name: str) -> Method:
 
 
 def made(method: Method, setting: Any, name: str, *calls: str) -> Any:
-    """Call a method with a setting; a class or function without parameters is called without one.
-
-    Raises:
-        SuiteError: it raised, or made an object without one of the ``calls``.
-    """
+    """Call a method with a setting, if it takes one. Raises SuiteError: it raised, or made an object without one of ``calls``."""
     try:
         inspect.signature(method).bind()
     except TypeError:

@@ -128,12 +128,7 @@ def best_of(game: Game) -> Backup:
 
 
 def fitted_q(data: Transitions, backup: Backup, *, shrink: float = SHRINK) -> F64:
-    """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke.
-
-    Args:
-        backup: value of the next state.
-        shrink: pseudo-observations of the coarser cell.
-    """
+    """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke."""
     game, prior = data.game, float(data.won[data.first].mean())
     fit = functools.partial(shrunk_means, game, data.pair, prior=prior, shrink=shrink)
     going = data.following >= 0

@@ -228,12 +228,7 @@ def chances(types: tuple[TabulatedPolicy, ...]) -> F32:
 
 
 def mixture_weights(likelihood: Floats, prior: F64, sweeps: int = _SWEEPS) -> tuple[F64, float]:
-    """``[K]`` maximum a posteriori weights of a mixture, and their log-posterior without its constant.
-
-    Args:
-        likelihood: ``[K, M]`` probability of each observation under each component.
-        prior: ``[K]`` pseudo-observations of each component.
-    """
+    """``[K]`` MAP weights from ``[K, M]`` likelihoods and ``[K]`` pseudo-observations, and their log-posterior but a constant."""
     likelihood, weight = np.maximum(likelihood, _LIKELIHOOD), prior / prior.sum()
     for _ in range(sweeps):
         weight = weight * (likelihood @ (1 / (weight @ likelihood))) + prior

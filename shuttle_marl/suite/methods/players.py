@@ -140,9 +140,8 @@ BOOSTING: Final = {  # settings of `model-boosted` for budgets up to these, from
     10_000_000: Boosting(trees=250, leaves=31, most=1_000_000),
 }
 TUNED: Final[dict[int, dict[str, Any]]] = {  # the same of `ppo-restricted`
-    100_000: {"own": 0.25, "batch": 2048, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
-    1_000_000: {"own": 0.25, "batch": 4096, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
-    10_000_000: {"own": 0.25, "batch": 16_384, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
+    budget: {"own": 0.25, "batch": batch, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3}
+    for budget, batch in ((100_000, 2048), (1_000_000, 4096), (10_000_000, 16_384))
 }
 _LONGER: Final = 1.6  # strokes of the first iteration over its batch, at most
 _MORE: Final = 1.15  # margin of the strokes of an iteration over those of earlier ones

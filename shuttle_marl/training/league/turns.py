@@ -205,12 +205,7 @@ class Workers:
             self._pool.__exit__(kind)
 
     def take(self, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
-        """Take turns; if a worker dies, its incomplete turns are repeated.
-
-        Raises:
-            LeagueTrainingError: workers died repeatedly.
-            ClusterError: the cluster lost turns repeatedly.
-        """
+        """Take turns; those of a worker that dies are repeated. Raises LeagueTrainingError, ClusterError: lost repeatedly."""
         if self._cluster is not None:
             return self._take_on(self._cluster, folder, config, turns)
         if self._count == 1 or len(turns) == 1:
