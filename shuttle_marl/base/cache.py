@@ -29,8 +29,7 @@ _ROOMS: Final = ("exact", "game", "kernel", "policy")  # rooms of the code betwe
 _WAIT_S: Final = 20.0
 _HASH: Final = 64
 _LOG: Final = logging.getLogger(__name__)
-_MEMORY: Final = contextvars.ContextVar[dict[bytes, bytes] | None]("memory", default=None)
-"""Results by key where the database is not used."""
+_MEMORY: Final = contextvars.ContextVar[dict[bytes, bytes] | None]("memory", default=None)  # results, where no database is used
 
 
 @contextlib.contextmanager
@@ -59,12 +58,7 @@ def _sources_hash(rooms: tuple[str, ...]) -> str:
 
 
 def key_of(*parts: str, rooms: tuple[str, ...] = ()) -> bytes:
-    """The key of a result of this version of the code.
-
-    Args:
-        parts: everything else that the result depends on.
-        rooms: that compute it, beside those between the tables of a game and a policy.
-    """
+    """Key of a result of this code; ``parts``: all else that it depends on; ``rooms``: of code, beside those that all need."""
     return hashlib.sha256(" ".join(parts).encode()).digest() + bytes.fromhex(_sources_hash((*_ROOMS, *rooms)))
 
 

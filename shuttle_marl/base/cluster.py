@@ -146,11 +146,7 @@ def _versions(packages: tuple[str, ...]) -> dict[str, str]:
 
 
 def in_threads(function: Callable[[S], T], arguments: Iterable[S], threads: int | None = None) -> Iterator[T]:
-    """Results of a function for each argument, in their order, from threads; for compiled code, which releases the lock.
-
-    Args:
-        threads: number of threads; None: one for each core.
-    """
+    """Results of a function by argument, in order, from threads (None: one a core); for compiled code, which frees the lock."""
     with futures.ThreadPoolExecutor(threads or os.cpu_count()) as pool:
         yield from pool.map(function, arguments)
 

@@ -41,11 +41,7 @@ def whole_number(name: str, value: Any, least: int | None = None) -> int:
 
 
 def seed_number(value: Any) -> int:
-    """Check a seed: seeds that are equal in their last 64 bits would be one.
-
-    Raises:
-        OptionError: it is no whole number from 0 up to 2^64.
-    """
+    """Check a seed. Raises OptionError: no whole number from 0 up to 2^64; seeds with equal last 64 bits would be one."""
     if not 0 <= (number := whole_number("seed", value)) < 1 << 64:
         hint = "; of a longer one take the last 63 bits" if number > 0 else ""
         raise OptionError(f"seed {number}: expected a whole number from 0 up to 2^64{hint}")
@@ -106,6 +102,11 @@ def printable(text: str, *, keep: str = "") -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def counted(number: int, one: str, many: str | None = None) -> str:
+    """A number of things, with the word for one or for several: ``1 rally``, ``2 rallies``."""
+    return f"{number:,} {one if number == 1 else many or one + 's'}"
 
 
 def command(name: str, *arguments: str) -> str:

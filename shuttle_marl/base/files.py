@@ -82,11 +82,7 @@ def replacing(path: Path, *, new: bool = False) -> Iterator[BinaryIO]:
 
 
 def check_replaceable(path: Path) -> None:
-    """Refuse to replace what is no regular file: a link, a FIFO, a device or a folder.
-
-    Raises:
-        FileWriteError: something else than a regular file is there.
-    """
+    """Raise a FileWriteError where something else than a regular file is: a link, a FIFO, a device or a folder."""
     with contextlib.suppress(OSError, ValueError):  # absent or impossible names, which fail when they are written
         mode = os.lstat(path).st_mode
         if not stat.S_ISREG(mode):
@@ -149,11 +145,7 @@ def hash_of(parts: Iterable[bytes]) -> str:
 
 
 def verify(known: object, parts: Iterable[bytes]) -> None:
-    """Check that content is unchanged: the one check of all that this package wrote, but for the checksums of MCAP.
-
-    Raises:
-        ValueError: its :func:`content_hash` is not the known one.
-    """
+    """Check content by its :func:`content_hash`, as all that this package wrote but MCAP. Raises ValueError: it was changed."""
     if hash_of(parts) != known:
         raise ValueError("it was changed after it was written: its checksum does not match")
 
@@ -207,12 +199,7 @@ def hash_in(card: dict[str, Any], name: str) -> str:
 
 
 def read_hashed(path: Path, known: str, limit: int | None = None) -> bytes:
-    """Content of a regular file whose hash is known.
-
-    Raises:
-        OSError: as :func:`read_file`.
-        ValueError: it has another hash.
-    """
+    """Content of a regular file whose hash is known. Raises OSError: as :func:`read_file`; ValueError: it has another hash."""
     content = read_file(path, limit)
     verify(known, [content])
     return content

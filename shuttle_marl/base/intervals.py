@@ -43,11 +43,7 @@ def trim_mean(runs: npt.ArrayLike, axis: int = -1) -> F64:
 
 
 def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Interval:
-    """Mean of the middle half of all runs of all tasks; the bootstrap resamples the runs of each task.
-
-    Args:
-        tasks: figures of the runs of each task, at least one.
-    """
+    """Mean of the middle half of all runs of all tasks, at least one; the bootstrap resamples the runs of each task."""
 
     def middle(*columns: F64, axis: int = -1) -> F64:
         return trim_mean(np.concatenate(columns, axis=axis), axis)
@@ -57,12 +53,7 @@ def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Inter
 
 
 def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float]) -> Interval:
-    """Probability that a run of ours has a larger figure than a run of theirs; ties count half.
-
-    Args:
-        ours: figures of the runs of one method, at least one.
-        theirs: figures of the runs of the other method.
-    """
+    """Probability that a run of ours, at least one, has a larger figure than a run of theirs; ties count half."""
 
     def larger(x: F64, y: F64, axis: int = -1) -> F64:
         # The Mann-Whitney statistic, from the ranks in the pooled runs.

@@ -20,7 +20,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import shuttle_marl
 from shuttle_marl.base import files
@@ -44,6 +44,25 @@ _noted: Final[list[int]] = []  # interrupts within `interrupts_held`
 
 class RunError(ShuttleError):
     """A run folder that cannot be used."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Options of every run: its folder, and the model of its game."""
+
+    error: ClassVar[type[ShuttleError]]  # of a value that is out of bounds
+
+    out: Path | None = None
+    """Run folder; default: runs/ and the name of the run, such as league-0 or ppo-0; numbered if that exists."""
+    resume: bool = False
+    """Continue the unfinished run in --out, or else the latest one of the default name."""
+    overwrite: bool = False
+    """Replace the run in --out."""
+    game: str = "default"
+    """Model of the game: a shipped one or a folder."""
+
+    def __post_init__(self) -> None:
+        files.check_bounds(self, self.error)
 
 
 class _BusyError(RunError):
@@ -129,11 +148,7 @@ class Run:
             shutil.rmtree(old, ignore_errors=True)
 
     def saved(self, *names: str) -> tuple[dict[str, Any], list[bytes]] | None:
-        """The description of the last checkpoint, and the content of its files; None without a checkpoint.
-
-        Raises:
-            RunError: it is damaged.
-        """
+        """Description and files of the last checkpoint; None without one. Raises RunError: it is damaged."""
         if not (folders := self._checkpoints()):
             return None
         try:
@@ -299,11 +314,7 @@ def locked(path: Path, file: Path | None = None) -> Iterator[None]:
 
 
 def read_json(path: Path, kind: type[T]) -> T:
-    """Read a JSON file of a run folder as a type, see :func:`shuttle_marl.base.files.read_json`.
-
-    Raises:
-        RunError: it is missing or damaged, or not of this type.
-    """
+    """Read a JSON file of a run folder as a type. Raises RunError: it is missing or damaged, or not of this type."""
     try:
         return files.read_json(path, kind)
     except FileReadError as error:
@@ -317,22 +328,13 @@ def write_json(path: Path, fields: Mapping[str, object]) -> None:
 
 
 class Journal:
-    """File of JSON objects, one a line, that one process appends to; each sealed.
-
-    Args:
-        go_on: what to do after a write that failed, for errors.
-        restore: what to do about a file that cannot be read.
-    """
+    """File of JSON objects, one a line, each sealed, that one process appends to; ``go_on``, ``restore``: advice in errors."""
 
     def __init__(self, path: Path, go_on: str = "continue with --resume", restore: str = _ADVICE) -> None:
         self._path, self._go_on, self._restore = path, go_on, restore
 
     def append(self, lines: Sequence[dict[str, Any]]) -> None:
-        """Append lines, synchronised to the disk. After an error none of them is there, and the next ones can be appended.
-
-        Raises:
-            RunError: the file cannot be written.
-        """
+        """Append lines, synchronised to the disk; after an error none is there, and others can be. Raises RunError: no room."""
         content = b"".join(files.seal(line, indent=None) for line in lines)
         try:
             with self._path.open("ab", buffering=0) as file:
@@ -363,11 +365,7 @@ class Journal:
         return [self._parsed(number, line) for number, line in enumerate(whole, 1)]
 
     def keep(self, count: int) -> None:
-        """Remove all but the first lines.
-
-        Raises:
-            RunError: the file cannot be read, a line that stays is damaged, or there are fewer.
-        """
+        """Remove all but the first lines. Raises RunError: unreadable, a line that stays is damaged, or there are fewer."""
         whole = self._content()
         *lines, _ = whole.split(b"\n")
         if len(lines) < count:

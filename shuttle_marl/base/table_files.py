@@ -19,17 +19,12 @@ PARQUET: Final[dict[str, Any]] = {"compression": "zstd", "write_page_checksum": 
 _MARK: Final = b"shuttle_marl.sha256="
 _SEAL: Final = len(_MARK) + 64
 _END: Final = 8  # length of the length of the footer, and of the magic ``PAR1`` behind it [bytes]
-_MOST: Final = 1 << 29
-"""Maximum size of a file that is read, and of its table [bytes]: a small file may hold any number of equal rows."""
+_MOST: Final = 1 << 29  # maximum size of a file and of its table [bytes]: a small file may hold any number of equal rows
 _FORMULA: Final = r"\A([=+\-@\t\r])"
 
 
 def parquet_bytes(table: pa.Table, **options: Any) -> bytes:
-    """A table as a sealed Parquet file; the same arguments give the same bytes.
-
-    Args:
-        **options: of ``pyarrow.parquet.write_table``, in addition to :data:`PARQUET`.
-    """
+    """A table as a sealed Parquet file, with options of ``pyarrow.parquet.write_table``; equal arguments give equal bytes."""
     file = io.BytesIO()
     pq.write_table(table, file, **{**PARQUET, **options})
     seal_parquet(file)
@@ -37,15 +32,7 @@ def parquet_bytes(table: pa.Table, **options: Any) -> bytes:
 
 
 def write_parquet(path: Path, table: pa.Table, *, new: bool = False, **options: Any) -> None:
-    """Write a table as a sealed Parquet file, atomically.
-
-    Args:
-        new: as of :func:`~shuttle_marl.base.files.replace_file`.
-        **options: as of :func:`parquet_bytes`.
-
-    Raises:
-        FileWriteError: the file cannot be written.
-    """
+    """Write :func:`parquet_bytes` of a table atomically; ``new``, errors: :func:`~shuttle_marl.base.files.replace_file`."""
     replace_file(path, parquet_bytes(table, **options), new=new)
 
 
@@ -122,10 +109,7 @@ def csv_bytes(table: pa.Table) -> bytes:
 
 
 def without_formulas(table: pa.Table) -> pa.Table:
-    """The table with dictionaries decoded, and an apostrophe before text that a spreadsheet would interpret as a formula.
-
-    Formulas start with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return.
-    """
+    """The table without dictionaries; an apostrophe precedes ``=``, ``+``, ``-``, ``@``, tab and return, as in formulas."""
     for at, field in enumerate(table.schema):
         kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
         if pa.types.is_string(kind):

@@ -118,11 +118,7 @@ def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
 
 
 def checked(array: npt.NDArray[Any], dtype: npt.DTypeLike, shape: tuple[int, ...]) -> npt.NDArray[Any]:
-    """Check the dtype and shape of an array, and that its numbers are finite; returns the array.
-
-    Raises:
-        ValueError: a check failed.
-    """
+    """The array. Raises ValueError: another dtype or shape, or a number that is not finite."""
     if array.dtype != dtype or array.shape != shape:
         raise ValueError(f"{array.dtype} numbers of shape {array.shape}, expected {np.dtype(dtype)} and {shape}")
     if not np.isfinite(array).all():

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.errors import counted, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import RALLY_MODEL, Appearance, Json, RallyModel
@@ -19,9 +19,9 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording import export as export_log
 from shuttle_marl.recording.header import RecordingError
+from shuttle_marl.recording.log_file import Recovery, recoverable_files, unfinished_files
 from shuttle_marl.recording.log_file import recover as recover_log
-from shuttle_marl.recording.log_file import recoverable_files, unfinished_files
-from shuttle_marl.recording.reader import RallyLog
+from shuttle_marl.recording.reader import Checked, RallyLog
 from shuttle_marl.recording.reader import check as check_log
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def info(path: Log, *, json_output: Json = False) -> None:
             "bytes_per_stroke": round(log.size / max(1, log.n_strokes), 3),
             "policies": [player.name for player in log.policies],
             "pairings": len(log.pairings),
-            "seeds": list(dict.fromkeys(header.seed for header in headers)),
+            "seeds": "one for each rally" if "seed" in headers[0].columns else list(dict.fromkeys(h.seed for h in headers)),
             "game": headers[0].game,
             "players": [] if headers[0].pair is None else list(headers[0].pair.players),
             "draws": list(dict.fromkeys(header.draws for header in headers)),
@@ -76,7 +76,7 @@ def check(path: Log, *, model: RallyModel = RALLY_MODEL, replay: bool = True) ->
     if result.problems:
         raise RecordingError(f"{path}: {'; '.join(result.problems)}")
     how = "replayed with equal outcomes" if result.replayed else "not replayed"
-    cli.say(f"{path}: valid; {result.rallies:,} rallies, {result.strokes:,} strokes, {how}")
+    cli.say(f"{path}: valid; {_amounts(result)}, {how}")
 
 
 def recover(path: Log, *, out: Path | None = None) -> None:
@@ -95,8 +95,8 @@ def recover(path: Log, *, out: Path | None = None) -> None:
         except RecordingError as error:
             problems.append(str(error))
             continue
-        lost = f"; {recovered.lost:,} rallies lost" if recovered.lost else ""
-        cli.say(f"{recovered.path}: {recovered.rallies:,} rallies, {recovered.strokes:,} strokes recovered{lost}")
+        lost = f"; {counted(recovered.lost, 'rally', 'rallies')} lost" if recovered.lost else ""
+        cli.say(f"{recovered.path}: {_amounts(recovered)} recovered{lost}")
     if problems:
         raise RecordingError("\n".join(problems))
 
@@ -109,7 +109,7 @@ def export(path: Log, out: File, *, rows: Literal["rallies", "strokes"] = "ralli
         out: the table; its suffix selects the format: .parquet, .csv or .arrow.
         rows: one row per rally or one row per stroke.
     """
-    cli.say(f"{out}: {export_log(path, out, rows):,} rows")
+    cli.say(f"{out}: {counted(export_log(path, out, rows), 'row')}")
 
 
 def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | None = None) -> None:
@@ -176,7 +176,7 @@ def scene(
     if unknown and not policy:
         console.print(_HINT, soft_wrap=True)
     replace_file(out, content)
-    size = f"{len(numbers):,} rallies, {len(content) / 1e6:.1f} MB"
+    size = f"{counted(len(numbers), 'rally', 'rallies')}, {len(content) / 1e6:.1f} MB"
     cli.say(f"{out}: {size}; open it in Foxglove or Lichtblick")
 
 
@@ -184,6 +184,10 @@ COMMANDS: Final = cli.by_name(info, check, recover, export, show, scene)
 main: Final = cli.entry_point(
     COMMANDS, "python -m shuttle_marl.recording", "Read, check, recover and export rally logs, and write 3D scenes."
 )
+
+
+def _amounts(found: Checked | Recovery) -> str:
+    return f"{counted(found.rallies, 'rally', 'rallies')}, {counted(found.strokes, 'stroke')}"
 
 
 def _describe(log: RallyLog, number: int) -> str:

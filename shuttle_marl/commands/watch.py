@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import tyro
 
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.errors import counted, printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import RALLY_MODEL, Appearance, RallyGameOptions, RallyModel
 from shuttle_marl.court import WatchError, building
@@ -293,7 +293,7 @@ def _save_site(folder: Path, page: Path, answers: "Answers", language: Language)
             folder, page, answers, lambda done: status.update(f"saving the rallies … {done}"), language=language
         )
     rest = f"; {left:,} more did not fit" if left else ""
-    cli.say(f"{folder}: {count:,} rallies, {size / 1e6:.1f} MB{rest}")
+    cli.say(f"{folder}: {counted(count, 'rally', 'rallies')}, {size / 1e6:.1f} MB{rest}")
 
 
 COMMANDS: Final = watch

@@ -328,11 +328,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._show(striker, stroke, hurried, played)
 
     def forfeit(self, stroke: int | None = None) -> None:
-        """End the episode as a loss of the agent to move, who tried an illegal action: -1 for it, +1 for the other.
-
-        Args:
-            stroke: number of the illegal stroke or position, if it has one.
-        """
+        """End the episode as a loss of the agent to move, who tried an illegal action, ``stroke`` if it has a number."""
         self._require_begun()
         loser = self._striker ^ self._choosing
         if self._state == ROOT:
@@ -533,19 +529,14 @@ def _stepper(game: Game, outcomes: OutcomesFrom) -> Stepper:
 
 
 def refuse_options(options: dict[str, Any] | None) -> None:
-    """Refuse options of ``reset``.
-
-    Raises:
-        OptionError: there is one.
-    """
+    """Refuse options of ``reset``. Raises OptionError: there is one."""
     if options:
         raise OptionError(
             f"options {', '.join(map(repr, options))}: reset has no options; `server` and others are of the constructor"
         )
 
 
-Belief = Policy | npt.ArrayLike | None
-"""Where a striker believes that the receiver waits: a policy, ``[9]`` probabilities, or None for where people wait."""
+Belief = Policy | npt.ArrayLike | None  # where a striker believes that the receiver waits; None: where people do
 
 
 class _Believed(UniformPolicy):

@@ -31,10 +31,7 @@ with hinted():
 
 
 class _Choices(Categorical):
-    """Choices with a mask of the present state, from which collectors sample if they have no policy.
-
-    They sample from copies of the specification, which share the mask.
-    """
+    """Choices with a mask of the present state, which copies share: collectors without a policy sample from a copy."""
 
     _shared: list[torch.Tensor | None]
 
@@ -235,14 +232,9 @@ class VersusEnv(_BatchedEnv):
     Args:
         batch: number of rallies B.
         opponents: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
-        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         seed: random seed of rallies and opponents.
         seat: seat of the learner, 0 or 1.
-        server: seat that serves, 0 or 1; None: random.
-        threads: number of threads; does not change results.
-        record: file for a log of every rally, see :class:`shuttle_marl.env.recorded.Recording`, or a function that is given
-            the rallies as they end; None: no log.
-        history: number K of the last strokes of each player in the entry ``history``; 0: there is none.
+        game, server, threads, record, history: as of :class:`RallyEnv`.
 
     Raises:
         KernelError: an invalid option.

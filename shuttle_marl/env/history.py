@@ -30,11 +30,7 @@ class BatchHistory:
         self._key, self._count, self._waited = rows.key.copy(), rows.stroke.copy(), self._batch.waits
 
     def step(self, struck: Bools | None = None) -> None:
-        """Take the strokes since :meth:`note`, and note again.
-
-        Args:
-            struck: ``[B]`` whether the learner's action was legal; None: all were.
-        """
+        """Take the strokes since :meth:`note`, and note again; ``struck``: ``[B]`` whether the action was legal; None: all."""
         rows, alone = self._batch.rows, not self._batch.n_opponents
         began = rows.key != self._key
         goes_on = ~began if struck is None else ~began & struck

@@ -63,17 +63,11 @@ class Tables(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a stroke leads to.
+    """What a stroke leads to."""
 
-    Attributes:
-        state: int32, state of the receiver, who is the next striker; at the end of a rally that of the next serve.
-        reward: float32 of the striker: 1 for a winner, -1 for a fault, else 0. The receiver's is its negative.
-        terminated: bool, whether the rally is over.
-    """
-
-    state: jax.Array
-    reward: jax.Array
-    terminated: jax.Array
+    state: jax.Array  # int32, state of the receiver, who is the next striker; at the end of a rally that of the next serve
+    reward: jax.Array  # float32 of the striker: 1 for a winner, -1 for a fault, else 0. The receiver's is its negative
+    terminated: jax.Array  # bool, whether the rally is over
 
 
 def init() -> jax.Array:

@@ -20,15 +20,7 @@ __all__ = ["env", "raw_env"]
 def env(
     *, action: ActionView = "flat", mask: MaskView = "observation", info: InfoView | None = None, **kwargs: Any
 ) -> CheckedEnv | PlainEnv:
-    """The environment with PettingZoo's checks; an illegal stroke loses the match.
-
-    Args:
-        action, mask, info: as of :func:`shuttle_marl.env.rally_v0.env`.
-        **kwargs: arguments of :class:`raw_env`.
-
-    Raises:
-        OptionError: an invalid option.
-    """
+    """The environment with PettingZoo's checks, as :func:`shuttle_marl.env.rally_v0.env`; an illegal stroke loses the match."""
     return wrapped(raw_env(**kwargs), action, mask, info)
 
 
@@ -39,13 +31,8 @@ class raw_env(ShuttleEnv):
     Args:
         first_server: first server, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
-        outcomes: ``tables``; or ``models``: the PyTorch modules of the model decide, which is slower and the same game.
         max_strokes: maximum number of strokes, after which the match is truncated; None: no limit.
-        render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
-        record: file for a log of every rally (:class:`shuttle_marl.env.recorded.Recording`), such as rallies.mcap; None: no log.
-        history: number K of the last strokes of each player that observations have too, see
-            :func:`shuttle_marl.env.history.features_of`: 54 K numbers, in front of the last number of the game with recovery.
+        game, outcomes, render_mode, record, history: as of :class:`shuttle_marl.env.rally_v0.raw_env`.
 
     Raises:
         OptionError: an invalid option.

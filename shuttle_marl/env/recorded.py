@@ -1,5 +1,6 @@
 """``record="x.mcap"`` of every environment: one rally log of all rallies that it plays, whatever their seeds and their ends."""
 
+import os
 import sys
 import weakref
 from collections.abc import Callable, Sequence
@@ -8,6 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from shuttle_marl.base.errors import counted
 from shuttle_marl.base.files import problem
 from shuttle_marl.game.policy import Policy, called
 from shuttle_marl.game.rally import Rallies, Stroke, columns_of, stroke_dtype
@@ -55,13 +57,14 @@ class Recording:
         rules: of matches; None: rallies alone.
 
     Raises:
-        RecordingError: the file exists or its folder cannot be created.
+        RecordingError: the path is none, the file exists, or its folder cannot be created.
     """
 
     def __init__(self, path: Path | str, game: Game, names: Sequence[str], rules: Rules | None = None) -> None:
+        if not isinstance(path, (str, os.PathLike)):
+            raise RecordingError(f"record {path!r}: expected the name of a file, or None")
         self.path, self._game, self._rows, self._matches = Path(path), game, list[PlayedRally](), 0
-        self.reasons = np.zeros(len(REASONS), np.int64)
-        """Number of rallies by the reason of their end."""
+        self.reasons = np.zeros(len(REASONS), np.int64)  # number of rallies by the reason of their end
         if files_of(self.path):
             raise RecordingError(f"{path}: exists already; delete it or choose another name")
         try:
@@ -112,7 +115,8 @@ class Recording:
         if self._log is not None:
             self._log.close()
         ends = ", ".join(f"{count:,} {reason}" for count, reason in zip(self.reasons.tolist(), REASONS, strict=True) if count)
-        sys.stderr.write(f"{self.path}: {self.rallies:,} rallies ({ends})\n" if ends else f"{self.path}: no rallies, no file\n")
+        told = f"{counted(self.rallies, 'rally', 'rallies')} ({ends})" if ends else "no rallies, no file"
+        sys.stderr.write(f"{self.path}: {told}\n")
 
     def _add_rows(self) -> None:
         rows, self._rows = self._rows, []
@@ -130,7 +134,6 @@ class Recording:
         self.add(
             Rallies.of(
                 self._game,
-                pairing=np.zeros(len(rows), np.uint32),
                 match=match.astype(np.uint32),
                 rally=np.array([row.rally for row in rows], np.uint16),
                 policy=np.tile(np.array([0, 1], np.uint16), (len(rows), 1)),

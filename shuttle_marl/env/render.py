@@ -30,11 +30,7 @@ class RenderError(ShuttleError):
 
 @functools.cache
 def _pygame() -> Any:
-    """The module, which is optional, and imported when the first picture is drawn.
-
-    Raises:
-        RenderError: it is not installed.
-    """
+    """The module, which is optional, and imported when the first picture is drawn. Raises RenderError: it is not installed."""
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     try:
         return importlib.import_module("pygame")
@@ -82,7 +78,10 @@ def as_text(snapshot: Snapshot) -> str:
     for player, name in enumerate(names if snapshot.by_game else ()):
         lines.append(f"{name:{width}}" + "".join(f"{game[player]:4}" for game in snapshot.by_game))
     if snapshot.game.levels > 1:
-        lines.append("effort: " + ", ".join(f"{name} {effort_in_words(snapshot, p)}" for p, name in enumerate(names)))
+        is_attack, highest = snapshot.game.catalogue.is_attack, snapshot.game.levels - 1
+        attacks = [sum(is_attack[each.stroke] for each in snapshot.strokes if each.player == player) for player in (0, 1)]
+        efforts = (f"{name} {min(n, highest)} of {highest}" for name, n in zip(names, attacks, strict=True))
+        lines.append(f"effort: {', '.join(efforts)}")
     for number, stroke in enumerate(snapshot.strokes, start=1):
         words = in_words(snapshot.game.catalogue, stroke.stroke)
         probabilities = f"good {stroke.p_succ:6.1%}, returned {stroke.p_ret:6.1%}"
@@ -100,13 +99,6 @@ def in_words(catalogue: Catalogue, stroke: int) -> str:
     area = int(catalogue.area[stroke])
     target = court.AREA_WORDS[area] + ("" if area % court.N_SIDES == 1 else " side")
     return f"{shot} to the {target}, {technique} {height} the net"
-
-
-def effort_in_words(snapshot: Snapshot, player: int) -> str:
-    """A player's current effort and the maximum: ``1 of 2``."""
-    attacks = sum(snapshot.game.catalogue.is_attack[stroke.stroke] for stroke in snapshot.strokes if stroke.player == player)
-    highest = snapshot.game.levels - 1
-    return f"{min(attacks, highest)} of {highest}"
 
 
 def standing(snapshot: Snapshot) -> str:
@@ -200,11 +192,7 @@ def px(point: Point) -> F64:
 
 
 class CourtRenderer:
-    """Draws snapshots; opens a window when first asked to show one.
-
-    Raises:
-        RenderError: pygame is not installed.
-    """
+    """Draws snapshots; opens a window when first asked to show one. Raises RenderError: pygame is not installed."""
 
     def __init__(self, title: str, *, fps: float) -> None:
         self._pygame, self._title, self._fps = _pygame(), title, fps

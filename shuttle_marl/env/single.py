@@ -238,12 +238,7 @@ class SingleMatchEnv(SingleEnv):
     Args:
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        opponent, seat, game, mask, info, render_mode, record, history: as of :class:`SingleRallyEnv`.
-
-    Raises:
-        OptionError: an invalid option.
-        PolicyError: the opponent does not exist, or does not return a distribution over the legal strokes.
-        GameError: the model does not exist.
+        opponent, seat, game, mask, info, render_mode, record, history: as of :class:`SingleRallyEnv`, and likewise the errors.
     """
 
     def __init__(

@@ -184,12 +184,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         raise NotImplementedError
 
     def _vectors(self, rows: Intp, state: I32, own: Bools, waits: Bools) -> npt.NDArray[Any]:  # noqa: ARG002
-        """``[D, w]`` what the learners of some rows see in states.
-
-        Args:
-            own: ``[D]`` whether they are the strikers.
-            waits: ``[D]`` whether they are to choose a position.
-        """
+        """``[D, w]`` what the learners of some rows see in states, as strikers (``own``) or to choose a position (``waits``)."""
         if self._features is None:
             found = self.game.observation(state)
             found = np.where(own[:, None], found, found[:, SWAP_TOKENS])
@@ -320,13 +315,7 @@ class MatchVectorEnv(VersusVectorEnv):
     Args:
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        num_envs, opponent, seat, game, mask, info, threads, record, history: as of :class:`RallyVectorEnv`.
-
-    Raises:
-        OptionError: an invalid option.
-        KernelError: likewise.
-        PolicyError: an opponent does not exist, reads the score, or does not return a distribution over the legal strokes.
-        GameError: the model does not exist.
+        num_envs, opponent, seat, game, mask, info, threads, record, history: as of :class:`RallyVectorEnv`, and the errors.
     """
 
     def __init__(

@@ -18,8 +18,7 @@ from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import IllegalStrokeError
 
 ActionView = Literal["flat", "components"]
-MaskView = Literal["observation", "info", "none"]
-"""Place of the mask of legal strokes: in the dictionary of the observation, in the info, or omitted."""
+MaskView = Literal["observation", "info", "none"]  # place of the mask: dictionary, info, or none
 InfoView = Literal["full", "none"]  # content of the info: the last stroke, with text and None, or numbers only
 
 _ENDS: Final = np.cumsum([*PARTS, N_POSITIONS])  # ends of the masks of the components
@@ -65,11 +64,7 @@ class CheckedEnv(_Wrapper):
         )
 
     def step(self, action: Any) -> None:
-        """Play a stroke; an illegal one loses the episode.
-
-        Raises:
-            ActionError: the action is not in the action space.
-        """
+        """Play a stroke; an illegal one loses the episode. Raises ActionError: the action is not in the action space."""
         try:
             super().step(action)
         except IllegalStrokeError as illegal:
@@ -122,9 +117,7 @@ class ComponentEnv(CheckedEnv):
         return {"observation": seen["observation"], "action_mask": legal.max(axis=0, initial=0)}
 
     def step(self, action: npt.ArrayLike | None) -> None:
-        """Play the stroke of four components, or choose the position that is the fifth.
-
-        A combination outside the catalogue loses like any illegal stroke.
+        """Play a stroke of four components, one outside the catalogue as an illegal one, or choose the position, the fifth.
 
         Raises:
             ActionError: the action is not in the action space.
@@ -164,11 +157,7 @@ class PlainEnv(_Wrapper):
 
     @property
     def infos(self) -> dict[str, dict[str, Any]]:
-        """Infos of both agents.
-
-        Raises:
-            AttributeError: no episode has started.
-        """
+        """Infos of both agents. Raises AttributeError: no episode has started."""
         full = self.__getattr__("infos")
         if full is not self._full:
             # Cached until the next stroke: callers compare infos, and dictionaries with arrays are equal only if identical.
@@ -192,11 +181,7 @@ class PlainEnv(_Wrapper):
 
 
 def checked_views(mask: MaskView, info: InfoView | None) -> InfoView:
-    """Validate the views; the default of the info is full with ``mask="observation"``, else none.
-
-    Raises:
-        OptionError: an unknown view of the mask or of the info.
-    """
+    """The view of the info, by default full with ``mask="observation"``, else none. Raises OptionError: an unknown view."""
     if mask not in ("observation", "info", "none"):
         raise OptionError(f"mask {mask!r}: expected 'observation', 'info' or 'none'")
     if info not in (None, "full", "none"):
@@ -221,11 +206,7 @@ def component_masks(mask: I8) -> tuple[I8, ...]:
 
 
 def wrapped(raw: ShuttleEnv, action: ActionView, mask: MaskView, info: InfoView | None) -> CheckedEnv | PlainEnv:
-    """A raw environment with PettingZoo's checks.
-
-    Raises:
-        OptionError: an unknown view of the action, the mask or the info.
-    """
+    """A raw environment with PettingZoo's checks. Raises OptionError: an unknown view of the action, the mask or the info."""
     shown = checked_views(mask, info)
     if action not in ("flat", "components"):
         raise OptionError(f"action {action!r}: expected 'flat' or 'components'")

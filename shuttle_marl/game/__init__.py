@@ -13,53 +13,24 @@ from typing import TYPE_CHECKING
 from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
-    from shuttle_marl.game.layout import GameError, observations
+    from shuttle_marl.game.layout import observations
     from shuttle_marl.game.pairs import pair_game
-    from shuttle_marl.game.policy import (
-        Policy,
-        PolicyError,
-        States,
-        TabulatedPolicy,
-        TemperedPolicy,
-        UniformPolicy,
-        checked_probabilities,
-        reads_score,
-        tabulate,
-    )
-    from shuttle_marl.game.recovery import POSITIONS
-    from shuttle_marl.game.rules import ActionError, IllegalStrokeError
-    from shuttle_marl.game.scoring import BWF, Rules, Score, match_win_probability
+    from shuttle_marl.game.policy import Policy, States, tabulate
+    from shuttle_marl.game.scoring import Rules, Score
     from shuttle_marl.game.shipped import default_game, load_game, model_folder
-    from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
     from shuttle_marl.game.tables import Game
 
 __all__ = [
-    "BWF",
-    "HEIGHTS",
-    "POSITIONS",
-    "SHOTS",
-    "TECHNIQUES",
-    "ActionError",
-    "Catalogue",
     "Game",
-    "GameError",
-    "IllegalStrokeError",
     "Policy",
-    "PolicyError",
     "Rules",
     "Score",
     "States",
-    "TabulatedPolicy",
-    "TemperedPolicy",
-    "UniformPolicy",
-    "checked_probabilities",
     "default_game",
     "load_game",
-    "match_win_probability",
     "model_folder",
     "observations",
     "pair_game",
-    "reads_score",
     "tabulate",
 ]
 

@@ -110,10 +110,7 @@ def area_centre(area: Ints) -> F64:
 
 
 def service_area(area: Ints, from_right: bool) -> I64:
-    """Areas at which a serve from the right or the left service court aims, any shape.
-
-    A serve flies diagonally, from the right court into the receiver's right one: an area at the other side is mirrored.
-    """
+    """Areas at which a serve from the right or left service court aims, any shape: diagonally, so to the side of the server."""
     return np.where(area % N_SIDES == (2 if from_right else 0), mirrored(area), area).astype(np.int64)
 
 

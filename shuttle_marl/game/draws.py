@@ -14,8 +14,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I32, I64, U16, U64, Intp, Ints, UInts
 from shuttle_marl.base.errors import seed_number
 
-CHOICE_ONE: Final = 65535
-"""Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative probability can also say "certainly"."""
+CHOICE_ONE: Final = 65535  # draws that choose lie in [0, 65535), so that a 16-bit cumulative probability can say "certainly"
 
 POSITION_SHIFT: Final = np.uint64(16)  # bits by which a draw is shifted to choose a position instead of a stroke
 
@@ -128,12 +127,7 @@ def with_fault_odds(threshold: U16, odds: int) -> U16:
 
 
 def odds_of_steps(steps: I64, *, step: float) -> Odds:
-    """Multipliers and divisors of odds, exact by definition.
-
-    Args:
-        steps: whole numbers of any shape, at most 8 in log-odds.
-        step: difference of log-odds of one step; a power of two.
-    """
+    """Multipliers and divisors of odds, exact; ``steps``: whole numbers, at most 8 in log-odds; ``step``: a power of two."""
     sizes, place = np.unique(np.abs(steps), return_inverse=True)
     with decimal.localcontext(decimal.Context(prec=40)):
         odds = [(decimal.Decimal(step) * k).exp() * ONE for k in sizes.tolist()]

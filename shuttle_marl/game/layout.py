@@ -245,11 +245,7 @@ class Layout:
         return slice(int(self.pair_start[state]), int(self.pair_start[state + 1]))
 
     def pairs(self, state: Ints) -> tuple[I64, I64]:
-        """All legal pairs of B states, one state after the other.
-
-        Returns:
-            ``[M]`` row of ``state`` that each pair belongs to, and ``[M]`` the pair.
-        """
+        """``[M]`` row of ``state`` of each pair, and ``[M]`` all legal pairs of B states, one state after the other."""
         count = self.legal_count(state).astype(np.int64)
         row = np.repeat(np.arange(len(state)), count)
         rank = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)

@@ -56,31 +56,18 @@ Day = datetime.date | str | None  # a day, or its ISO 8601 text (``2021-07-31``)
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Skill:
-    """Skill of M players at K knots.
+    """Skill of M players at K knots."""
 
-    Attributes:
-        players: M names.
-        offset: ``[K, 3, 2, 7]`` float32 differences of log-odds, by component, role, and general or group.
-        deviation: ``[K, 3, 2, 7]`` float32 their posterior standard deviations.
-        player: ``[K]`` int32 index of the player; sorted by player, then day.
-        day: ``[K]`` int32 days since 1970-01-01.
-        group: ``[13]`` int8 group of each shot type.
-        discipline: ``[M]`` int8 index into :data:`DISCIPLINES`.
-        hand: ``[M]`` int8 index into :data:`~shuttle_marl.game.court.HANDS`; -1 where the data do not tell it.
-        strokes: ``[M]`` int32 strokes of each player in the data.
-        matches: ``[M]`` int32 matches of each player in the data.
-    """
-
-    players: tuple[str, ...]
-    offset: F32
-    deviation: F32
-    player: I32
-    day: I32
-    group: I8
-    discipline: I8
-    hand: I8
-    strokes: I32
-    matches: I32
+    players: tuple[str, ...]  # M names
+    offset: F32  # [K, 3, 2, 7] float32 differences of log-odds, by component, role, and general or group
+    deviation: F32  # [K, 3, 2, 7] float32 their posterior standard deviations
+    player: I32  # [K] int32 index of the player; sorted by player, then day
+    day: I32  # [K] int32 days since 1970-01-01
+    group: I8  # [13] int8 group of each shot type
+    discipline: I8  # [M] int8 index into `DISCIPLINES`
+    hand: I8  # [M] int8 index into `HANDS`; -1 where the data do not tell it
+    strokes: I32  # [M] int32 strokes of each player in the data
+    matches: I32  # [M] int32 matches of each player in the data
 
     def knot(self, name: str, day: Day = None) -> int:
         """Number of the last knot of a player on or before a day; the first one if there is none, the last one for None.
@@ -101,11 +88,7 @@ class Skill:
         return datetime.date(1970, 1, 1) + datetime.timedelta(days=int(self.day[self.knot(name, day)]))
 
     def index(self, name: str) -> int:
-        """Number of a player.
-
-        Raises:
-            GameError: the player is unknown.
-        """
+        """Number of a player. Raises GameError: the player is unknown."""
         if name not in self.players:
             raise GameError(f"no skill of the player {name!r}; there are: {', '.join((AVERAGE, *self.players))}")
         return self.players.index(name)
@@ -138,11 +121,7 @@ class Skill:
 
 
 def day_of(day: datetime.date | str) -> datetime.date:
-    """The day of an ISO 8601 text.
-
-    Raises:
-        GameError: it is no date.
-    """
+    """The day of an ISO 8601 text. Raises GameError: it is no date."""
     try:
         return day if isinstance(day, datetime.date) else datetime.date.fromisoformat(day)
     except ValueError as error:
@@ -156,11 +135,7 @@ def has_skill(folder: Path) -> bool:
 
 @functools.cache
 def load_skill(folder: Path) -> Skill:
-    """Read the skill of the players of a model folder.
-
-    Raises:
-        GameError: the model has none, or its file is damaged.
-    """
+    """Read the skill of the players of a model folder. Raises GameError: the model has none, or its file is damaged."""
     if not has_skill(folder):
         raise GameError(f"{folder}: this model has no skill of players ({SKILL}); fit the model again, or name one that has it")
     with readable(folder, SKILL, "skill of players") as tensors:
@@ -242,19 +217,11 @@ class People:
 
     @property
     def skill(self) -> Skill:
-        """Skill of the players of the model.
-
-        Raises:
-            GameError: the file of the model is damaged.
-        """
+        """Skill of the players of the model. Raises GameError: the file of the model is damaged."""
         return load_skill(origin_named(self.model).folder)
 
     def refits(self) -> tuple[Game, ...]:
-        """Their game in the refits of the model on resampled matches; none in a refit.
-
-        Raises:
-            GameError: a file of the model is damaged.
-        """
+        """Their game in the refits of the model; none in a refit. Raises GameError: a file of the model is damaged."""
         origin = origin_named(self.model)
         names = () if origin.variant is not None else variants(origin.folder)
         model = self.model.removesuffix(f":{RECOVERY}")
@@ -262,11 +229,7 @@ class People:
 
 
 def people_of(game: Game) -> People:
-    """The players of the game of a pair, or of the tables of one seat of it.
-
-    Raises:
-        GameError: both seats have the same tables.
-    """
+    """The players of the game of a pair, or of one seat of it. Raises GameError: both seats have the same tables."""
     people = game.people if game.whole is None else game.whole.people
     if people is None:
         raise GameError("this is not the game of two players; make one with pair_game")

@@ -27,10 +27,8 @@ from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
 
-LAGS: Final = 4
-"""Strokes of a rally that policies may read: the incoming stroke, the striker's own last one, and one more of either player."""
-STAGES: Final = {"length": 2, "end": 1}
-"""Stages of a rally and of a game in which people choose differently, and their numbers; see :func:`stages_of`."""
+LAGS: Final = 4  # strokes of a rally that policies may read: incoming, the striker's own last one, and one more of either player
+STAGES: Final = {"length": 2, "end": 1}  # stages of a rally and of a game in which people choose differently, see `stages_of`
 _LONG: Final = (19, 27)
 SUM_TOLERANCE: Final = 1e-6  # tolerance of the sum of the probabilities of the strokes of a state, which is 1
 _CHUNK: Final = 4096
@@ -131,21 +129,13 @@ class Waits(Protocol):
 
 
 def reads_score(policy: Policy) -> bool:
-    """Whether a policy reads the score of the match, so that it cannot be tabulated.
-
-    Raises:
-        PolicyError: asking it raised.
-    """
+    """Whether a policy reads the score of the match, so that it cannot be tabulated. Raises PolicyError: asking it raised."""
     with _blamed(f"reads_score of {type(policy).__name__} raised"):
         return bool(getattr(policy, "reads_score", False))
 
 
 def reads_history(policy: Policy) -> bool:
-    """Whether a policy reads the rally so far, so that it plays only where matches are played stroke by stroke.
-
-    Raises:
-        PolicyError: asking it raised.
-    """
+    """Whether a policy reads the rally so far, so it plays only stroke by stroke. Raises PolicyError: asking it raised."""
     with _blamed(f"reads_history of {type(policy).__name__} raised"):
         return bool(getattr(policy, "reads_history", False))
 
@@ -182,11 +172,7 @@ def checked_probabilities(policy: Policy, states: States) -> F64:
 
 
 def checked_positions(policy: Policy, states: States) -> F64:
-    """``[B, 9]`` probabilities of the positions of a policy in the game with recovery; those of people if it has none.
-
-    Raises:
-        PolicyError: the policy raised, or a row is no distribution over the feasible positions.
-    """
+    """``[B, 9]`` positions of a policy, of people if it has none. Raises PolicyError: it raised, or a row is no distribution."""
     people = states.game.people_positions(states.state)
     return _checked(policy.positions, called(policy), states, people > 0, "position") if isinstance(policy, Waits) else people
 
@@ -357,11 +343,7 @@ class TemperedPolicy:
         return checked_positions(self.base, states)
 
     def probabilities(self, states: States) -> F64:
-        """``[B, n]`` tempered probabilities.
-
-        Raises:
-            PolicyError: the base returned no distribution over the legal strokes.
-        """
+        """``[B, n]`` tempered probabilities. Raises PolicyError: the base returned no distribution over the legal strokes."""
         p = checked_probabilities(self.base, states)
         best = p.max(axis=1, keepdims=True)
         if self.temperature == 0:
@@ -442,11 +424,7 @@ class TabulatedPolicy:
         return self if positions is None else dataclasses.replace(self, waits=_own(cumulative_positions(positions), self.game))
 
     def choose_position(self, state: Ints, draw: Ints) -> Intp:
-        """``[B]`` position in which the policy waits where the opponent is in each state.
-
-        Args:
-            draw: ``[B]`` uniform integers in [0, 65535), see :func:`shuttle_marl.game.draws.position_draw`.
-        """
+        """``[B]`` position against each state, by draws of :func:`shuttle_marl.game.draws.position_draw`."""
         return chosen(self.waiting_table[state], draw)
 
     @property
@@ -459,11 +437,7 @@ class TabulatedPolicy:
         return act(self, self.game, observation, mask, np.random.default_rng(rng))
 
     def choose(self, state: Ints, draw: Ints) -> Intp:
-        """``[B]`` which of its legal strokes each state plays.
-
-        Args:
-            draw: ``[B]`` uniform integers in [0, 65535), see :func:`shuttle_marl.game.draws.choice_draw`.
-        """
+        """``[B]`` which of its legal strokes each state plays, by draws of :func:`shuttle_marl.game.draws.choice_draw`."""
         return chosen(self.padded.take(state, axis=0), draw)
 
     @functools.cached_property
@@ -539,11 +513,7 @@ class TabulatedPolicy:
 
     @classmethod
     def load(cls, path: Path, game: Game) -> "TabulatedPolicy":
-        """Read a table written by :meth:`save`.
-
-        Raises:
-            PolicyError: the file is missing or damaged, or is a policy for another game.
-        """
+        """Read a table written by :meth:`save`. Raises PolicyError: the file is missing or damaged, or is for another game."""
         try:
             header, arrays = read_tensors(path)
             cumulative, waits = arrays["cumulative"], arrays.get("waits")
@@ -559,11 +529,7 @@ class TabulatedPolicy:
 
 
 def tabulate(policy: Policy, game: Game) -> TabulatedPolicy:
-    """Evaluate a policy on every state.
-
-    Raises:
-        PolicyError: the policy reads more than the state, raises, or is no distribution over the legal strokes somewhere.
-    """
+    """Evaluate a policy on every state. Raises PolicyError: it reads more, raises, or gives no distribution over legal ones."""
     if isinstance(policy, TabulatedPolicy) and policy.game.hash == game.hash:
         return policy
     if reads_score(policy):

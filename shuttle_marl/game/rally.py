@@ -46,8 +46,7 @@ from shuttle_marl.game.tables import Game
 
 PER_STROKE: Final = ("stroke", "hurried", "waited", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
-OPTIONAL: Final = ("seed", "episode", "ending", "update", "waited", "log_probability", "value")
-"""Columns of :class:`Rallies` that may be missing."""
+OPTIONAL: Final = ("seed", "episode", "ending", "update", "waited", "log_probability", "value")  # columns that may be missing
 
 
 def columns_of(game: Game, *others: str) -> tuple[str, ...]:
@@ -269,9 +268,9 @@ class Rallies:
 
     @classmethod
     def of(cls, game: Game, **columns: Any) -> "Rallies":
-        """Rallies of a game, without the positions of receivers if none has a choice."""
-        lacking = {*OPTIONAL} - {*columns_of(game, *columns)}
-        return cls(**{name: column for name, column in columns.items() if name not in lacking})
+        """Rallies of a game, of pairing 0 if none is given, without the positions of receivers if none has a choice."""
+        lacking, pairing = {*OPTIONAL} - {*columns_of(game, *columns)}, np.zeros(len(columns["length"]), np.uint32)
+        return cls(**{"pairing": pairing, **{name: column for name, column in columns.items() if name not in lacking}})
 
     @property
     def places(self) -> I8:
@@ -330,12 +329,7 @@ class Rallies:
         return tuple(name for name in OPTIONAL if getattr(self, name) is not None)
 
     def row(self, i: int, catalogue: Catalogue, rules: Rules = BWF, hands: Hands = ("right", "right")) -> Rally:
-        """One rally.
-
-        Args:
-            i: row, 0 <= i < R.
-            hands: of seats 0 and 1.
-        """
+        """One rally, of row 0 <= i < R; ``hands``: of seats 0 and 1."""
         first, last = self.first_stroke[[i, i + 1]]
         points_0, points_1, games_0, games_1 = self.score[i].tolist()
         score = Score(points=(points_0, points_1), games=(games_0, games_1), server=int(self.server[i]), rules=rules)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from shuttle_marl.game.tables import Game
 
 POSITIONS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand") for area in AREAS)
-"""Names of the nine positions; index = 3 * depth + side, as for areas."""
 N_POSITIONS: Final = len(POSITIONS)
 CENTRE: Final = N_POSITIONS // 2  # the position from which serves are received
 ACROSS: Final = 0.55  # distance from the middle line beyond which a position is a side position [m]
@@ -42,12 +41,7 @@ _ROUNDS: Final = 6  # rounds of the fixed point; more change no table of the shi
 
 
 def position_of(x: F64, y: F64) -> I64:
-    """Positions of points.
-
-    Args:
-        x: distances from the middle line towards the forehand side [m], any shape.
-        y: distances from the net [m].
-    """
+    """Positions of points of any shape; ``x``: from the middle line to the forehand side, ``y``: from the net [m]."""
     side = np.where(x > ACROSS, 0, np.where(x < -ACROSS, 2, 1))
     return np.asarray(N_SIDES * np.searchsorted(DEPTHS, y, side="right") + side, dtype=np.int64)
 
@@ -64,8 +58,7 @@ class Waiting(NamedTuple):
 
     choices: I32  # ``[base states]`` number of feasible positions of the receiver
     position: I8  # ``[base states, 9]`` the feasible positions in rising order, then -1
-    start: I64
-    """``[base states + 1]`` first row of each state; the i-th position against the k-th stroke: ``start + k choices + i``."""
+    start: I64  # [base states + 1] first row of each state; the i-th position against the k-th stroke: `start + k choices + i`
     limits: U16  # ``[L, R, 3]`` thresholds as in `Game.limits`
     hurry: U8  # ``[R, 2]`` chances of a hurried receiver as in `Game.hurry`
 
@@ -129,11 +122,7 @@ class Recovery:
 
     @classmethod
     def checked(cls, tensors: Tensors) -> "Recovery":
-        """From the content of a file.
-
-        Raises:
-            KeyError, TypeError, ValueError, ShuttleError: a part is missing or invalid.
-        """
+        """From the content of a file. Raises KeyError, TypeError, ValueError, ShuttleError: a part is missing or invalid."""
         _, arrays = tensors
         return cls(
             checked(arrays["people"], np.uint16, (*PARTS.values(), N_POSITIONS)),
@@ -141,11 +130,10 @@ class Recovery:
         )
 
 
-NO_CHOICE: Final = Recovery(
+NO_CHOICE: Final = Recovery(  # that of the game without recovery: all receivers wait in the middle, which changes nothing
     people=np.broadcast_to(CHOICE_ONE * (np.arange(N_POSITIONS) == CENTRE), (*PARTS.values(), N_POSITIONS)).astype(np.uint16),
     effect=np.zeros((len(EFFECTS), N_SHOTS, N_AREAS, N_POSITIONS), np.int16),
 )
-"""That of the game without recovery: all receivers wait in the middle, which changes nothing."""
 
 
 def waiting_of(game: "Game") -> Waiting:
@@ -198,14 +186,7 @@ def _met(game: "Game", pair: I64, place: I8, weight: F64) -> tuple[U16, U8]:
 
 @np.errstate(invalid="ignore", divide="ignore")
 def _spread(pair: I64, p: F64, ratio: F64, weight: F64) -> F64:
-    """Probabilities by position whose odds differ by ratios and whose weighted mean is that of the pair.
-
-    Args:
-        pair: ``[R]`` base pair of each row.
-        p: ``[base pairs]`` probabilities.
-        ratio: ``[R]`` ratios of odds.
-        weight: ``[R]`` weights of the positions; where all are 0, all positions have the probability of the pair.
-    """
+    """``[R]`` probabilities with odds moved by ratios, whose weighted mean is ``p`` of the base pair; ``p`` without weight."""
     odds, scale = (p / (1 - p))[pair] * ratio, np.ones(len(p))
     total = np.bincount(pair, weight, len(p))  # which adds in the order of the rows
     inside = (p > 0) & (p < 1) & (total > 0)

@@ -16,7 +16,7 @@ from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 
-OUTCOMES: Final = (
+OUTCOMES: Final = (  # ends of a stroke. That of a return names the receiver's contact and whether they are hurried
     "fault",
     "winner",
     "returned from below",
@@ -24,7 +24,6 @@ OUTCOMES: Final = (
     "returned from below, hurried",
     "returned from above, hurried",
 )
-"""Ends of a stroke. That of a return names the receiver's contact and whether they are hurried."""
 FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE, HURRIED_BELOW, HURRIED_ABOVE = range(6)
 
 REASONS: Final = ("fault", "winner", "illegal stroke", "illegal position", "too many strokes", "abandoned")

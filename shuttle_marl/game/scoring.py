@@ -118,10 +118,7 @@ def open_scores(rules: Rules = BWF) -> Iterator[tuple[tuple[int, int], tuple[int
 
 
 def score_fractions(points: tuple[Any, Any], games: tuple[Any, Any], rules: Rules = BWF) -> tuple[Any, Any, Any, Any]:
-    """Points and games of both players as fractions of their maxima, for observations.
-
-    Numbers, or arrays of one shape.
-    """
+    """Points and games of both players as fractions of their maxima, for observations; numbers, or arrays of one shape."""
     return points[0] / rules.cap, points[1] / rules.cap, games[0] / rules.games, games[1] / rules.games
 
 

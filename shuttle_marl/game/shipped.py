@@ -30,33 +30,27 @@ from shuttle_marl.game.tables import Game
 
 GAME: Final = "game.safetensors"  # the compiled game in a model folder
 BC: Final = "bc.safetensors"  # its behaviour-cloned players
-CHOICE_UNITS: Final = 64
-"""Log-probabilities of their strokes are whole multiples of 1/64: within .8 % of a probability, in a third of the space."""
+CHOICE_UNITS: Final = 64  # their log-probabilities are multiples of 1/64: within .8 % of a probability, in a third of the space
 HISTORY: Final = "history.safetensors"  # shifts of the average player's choices by earlier strokes of the rally
 NETWORKS: Final = "networks.safetensors"  # the fitted models that the game was compiled from
 VARIANTS: Final = "variants.safetensors"  # variants of the game, as differences from it
 Profile = Literal["men", "women"]
 PROFILES: Final = ("men", "women")  # variants that are the games of one discipline
-OPPOSITE: Final = "opposite"
-"""Variant of players with different hands; behind another variant: that of it (``men-opposite``, ``3-opposite``)."""
-OPPOSITE_GAME: Final = "opposite.safetensors"
-"""The compiled game of players with different hands in a model folder; its legal replies fly to the other side."""
-RECOVERY: Final = "recovery"
-"""In names of games: the one in which receivers choose where to wait (``default:recovery``, ``default:men-recovery``)."""
+OPPOSITE: Final = "opposite"  # variant of players with different hands; behind another one: that of it (`men-opposite`)
+OPPOSITE_GAME: Final = "opposite.safetensors"  # the game of players with different hands; legal replies fly to the other side
+RECOVERY: Final = "recovery"  # in names of games: receivers choose where to wait (`default:recovery`, `default:men-recovery`)
 SKILL: Final = "skill.safetensors"  # skill of the players, as differences from the average player
 HABITS: Final = "habits.safetensors"  # counted strokes of the players, for reports
 HURRY: Final = "hurry.safetensors"  # index that decides whether strikers were hurried, in models of strokes with positions
 POSITIONS: Final = "recovery.safetensors"  # where people wait, and what a position changes (`recovery`)
 SUPPORT: Final = "support.safetensors"  # data file beside the models: the torch reference of the tables needs it
 RELIABLE: Final = 20  # number of real strokes below which the probabilities of a stroke are not reliable
-REFITS: Final = 8
-"""Number of refits of a shipped model on resampled matches; their names are those of the model with :1, :2, … behind."""
+REFITS: Final = 8  # refits of a shipped model on resampled matches, named :1, :2, … behind the model
 CARD: Final = "card.json"  # the model card, which holds the hashes of the other files
 FILES: Final = (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT)  # files of every model, beside its card
 OPTIONAL_FILES: Final = (HABITS, HISTORY, HURRY, POSITIONS, SKILL, VARIANTS)  # files that some models have
 STEP: Final = 0.0625  # difference of log-odds of one step of a variant
-COARSE: Final = 4
-"""Steps of refits are multiples of this: their sampling errors are about five steps, and coarse steps take half the space."""
+COARSE: Final = 4  # steps of refits are multiples of this: in half the space, and their errors are about five steps
 MOST_STEPS: Final = 127  # maximum size of a difference in steps
 _RARE: Final = 0.006
 _SLACK: Final = 1e-6
@@ -85,16 +79,11 @@ class Origin(NamedTuple):
         return functools.partial(load_game, self.name) if self.folder.parent == _MODELS else None
 
 
-_ORIGINS: dict[str, Origin] = {}
-"""Origins by hash, for copies of a loaded game: two models may have the same tables and other refits."""
+_ORIGINS: dict[str, Origin] = {}  # by hash, for copies of a loaded game: two models may have the same tables and other refits
 
 
 def model_folder(name: str = "default") -> Path:
-    """Folder of a shipped model, or of the model in the folder ``name``; a variant (``MODEL:VARIANT``) is in that of its model.
-
-    Raises:
-        GameError: the model does not exist.
-    """
+    """Folder of a shipped model, or of the model in the folder ``name``, also of a variant. Raises GameError: there is none."""
     return origin_named(name).folder
 
 
@@ -105,21 +94,13 @@ def is_shipped(name: str) -> bool:
 
 @functools.cache
 def load_game(name: str = "default") -> Game:
-    """The game of a shipped model, or of the model in the folder ``name``, or a variant of one: ``MODEL:VARIANT``.
-
-    Raises:
-        GameError: the model or variant does not exist, or its file is damaged.
-    """
+    """The game of a model by name or folder, or of ``MODEL:VARIANT``. Raises GameError: there is none, or it is damaged."""
     return game_of(origin_named(name))
 
 
 @functools.cache
 def game_of(origin: Origin) -> Game:
-    """The game of an origin.
-
-    Raises:
-        GameError: the model or variant does not exist, or its file is damaged.
-    """
+    """The game of an origin. Raises GameError: the model or variant does not exist, or its file is damaged."""
     folder, variant, recovery = origin
     tables = {None: GAME, OPPOSITE: OPPOSITE_GAME}.get(variant)
     if recovery:
@@ -141,11 +122,7 @@ def game_of(origin: Origin) -> Game:
 
 
 def load_positions(folder: Path) -> Recovery:
-    """Where people wait, and what a position changes, in a model folder.
-
-    Raises:
-        GameError: the model has no positions, or they cannot be read.
-    """
+    """Where people wait in a model folder, and what a position changes. Raises GameError: it has none, or they are damaged."""
     if not (folder / POSITIONS).is_file():
         raise GameError(f"{folder}: a model without positions of receivers; fit it to strokes that have them")
     with readable(folder, POSITIONS, "positions") as tensors:
@@ -154,11 +131,7 @@ def load_positions(folder: Path) -> Recovery:
 
 @functools.cache
 def waiting_places() -> F64:
-    """``[9, 2]`` place of each position, the mean of people's in the shipped model: towards the forehand side, from the net [m].
-
-    Raises:
-        OSError, ValueError: the model cannot be read.
-    """
+    """``[9, 2]`` mean place of people at each position: towards the forehand side, from the net [m]; of the shipped model."""
     return frozen(checked(read_model(_MODELS / "default", POSITIONS).arrays["mean"], np.float64, (N_POSITIONS, 2)))
 
 
@@ -179,20 +152,12 @@ def is_refit(variant: str) -> bool:
 
 
 def variants(name: str | Path = "default") -> list[str]:
-    """Names of the variants of a model, by name or folder: those of disciplines and hands, then refits.
-
-    Raises:
-        GameError: the model does not exist, or its file of variants is damaged.
-    """
+    """Names of the variants of a model, by name or folder: disciplines, hands, refits. Raises GameError: none, or damaged."""
     return list(_variants(name if isinstance(name, Path) else model_folder(name))[1])
 
 
 def origin_named(name: str) -> Origin:
-    """Folder and variant that a name means.
-
-    Raises:
-        GameError: the model does not exist.
-    """
+    """Folder and variant that a name means. Raises GameError: the model does not exist."""
     model, _, variant = name.rpartition(":")
     # The name of a folder may hold a colon itself.
     for whole, part in ((name, None), (model, variant)):
@@ -231,11 +196,7 @@ def _variants(folder: Path) -> tuple[Tensors | None, dict[str, str]]:
 
 
 def unpacked(tensors: Tensors, game: Game, name: str, folder: Path) -> Game:
-    """One variant from a file of a model folder.
-
-    Raises:
-        GameError: it is no file of variants of this game, or the tables form no game.
-    """
+    """One variant from a file of a model folder. Raises GameError: not of this game, or the tables form no game."""
     try:
         about = parsed(tensors.metadata["variants"])
         if about["game"] != game.hash:
@@ -251,12 +212,7 @@ def unpacked(tensors: Tensors, game: Game, name: str, folder: Path) -> Game:
 
 
 def packed(game: Game, others: Mapping[str, Game], *, coarse: Collection[str] = ()) -> bytes:
-    """Content of a file of variants (safetensors).
-
-    Args:
-        others: variants by name, of the same layout; their nearest steps are stored.
-        coarse: names of variants that are stored in multiples of :data:`COARSE` steps.
-    """
+    """Content of a file of variants (safetensors), by their nearest steps; ``coarse``: those in multiples of :data:`COARSE`."""
     arrays: dict[str, npt.NDArray[Any]] = {}
     hashes = {}
     for name, other in others.items():
@@ -335,11 +291,7 @@ def _shares(game: Game) -> tuple[tuple[U64, U64], ...]:
 
 
 def read_model_card(folder: Path) -> dict[str, Any]:
-    """The model card in a model folder.
-
-    Raises:
-        GameError: there is none, or it was changed after it was written.
-    """
+    """The model card in a model folder. Raises GameError: there is none, or it was changed after it was written."""
     try:
         return read_sealed(folder / CARD)
     except FileReadError as error:
@@ -417,11 +369,7 @@ def factors_of(folder: Path) -> dict[str, Estimate] | None:
 
 
 def factor_of(game: Game) -> Estimate | None:
-    """Factor of the advantages of a game at the end of the rally; None where it is not known: without a model or factors.
-
-    Raises:
-        GameError: the model card cannot be read.
-    """
+    """Factor of advantages at the end of the rally; None without a model or factors. Raises GameError: the card is unreadable."""
     folder = folder_of(game)
     factors = None if folder is None else factors_of(folder)
     return None if factors is None else factors.get("end")
@@ -484,11 +432,7 @@ def _shipped_origins(*, positions: bool = False) -> dict[str, Origin]:
 
 
 def refits_of(game: Game) -> tuple[Game, ...]:
-    """The same game refitted on resampled matches; none for a variant, and for a game of a model without refits.
-
-    Raises:
-        GameError: the file of the variants is damaged.
-    """
+    """The same game in refits on resampled matches; none for a variant, or without refits. Raises GameError: a damaged file."""
     origin = origin_of(game)
     equal, opposite = (None, False) if origin is None else hands_of_variant(origin.variant)
     if origin is None or equal is not None:
@@ -539,11 +483,7 @@ def least_support(game: Game) -> int:
 
 
 def supported(game: Game, at_least: float) -> Bools:
-    """``[base pairs]`` whether a stroke has at least so many real strokes behind it, or the most of its state.
-
-    Raises:
-        GameError: ``at_least`` is above 0, and the numbers are not known.
-    """
+    """``[base pairs]`` whether so many real strokes, or the most of its state, are behind it. Raises GameError: not known."""
     if at_least <= 0:
         return np.ones(game.n_base_pairs, dtype=np.bool_)
     real = real_strokes(game)

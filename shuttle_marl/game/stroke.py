@@ -28,7 +28,7 @@ def frozen(array: npt.NDArray[A]) -> npt.NDArray[A]:
     return np.ndarray(array.shape, array.dtype, array.tobytes())
 
 
-SHOTS: Final = (
+SHOTS: Final = (  # shot types; the first two are the serves
     "short-serve",
     "long-serve",
     "clear",
@@ -43,14 +43,12 @@ SHOTS: Final = (
     "block",
     "cross-court-net-shot",
 )
-"""Shot types; the first two are the serves."""
 HEIGHTS: Final = ("below", "above")  # height of the contact relative to the top of the net
 TECHNIQUES: Final = ("forehand", "backhand", "around-the-head")
 AROUND_THE_HEAD: Final = TECHNIQUES.index("around-the-head")
 
 ATTACKS: Final = ("smash", "half-smash")  # shot types that cost effort
-FRONT_COURT: Final = ("net-kill", "net-shot", "cross-court-net-shot")
-"""Shot types that nobody can play from the back third of the court."""
+FRONT_COURT: Final = ("net-kill", "net-shot", "cross-court-net-shot")  # nobody can play them from the back third of the court
 NET_SHOTS: Final = ("net-shot", "cross-court-net-shot")  # shot types of a duel at the net
 
 N_SHOTS: Final = len(SHOTS)
@@ -90,11 +88,7 @@ class Catalogue:
 
     @classmethod
     def from_names(cls, names: Iterable[str]) -> "Catalogue":
-        """Build a catalogue from stroke names, in their order.
-
-        Raises:
-            UnknownStrokeError: a name that is not ``shot:area:height:technique``, or one given twice.
-        """
+        """A catalogue of stroke names, in their order. Raises UnknownStrokeError: no ``shot:area:height:technique``, or twice."""
         names = list(names)
         if len(set(names)) != len(names):
             raise UnknownStrokeError("a stroke name stands in the catalogue twice")
@@ -137,11 +131,7 @@ class Catalogue:
         return content_hash("\n".join(self.names).encode())[:12]
 
     def index(self, name: str) -> int:
-        """Index of a stroke by name.
-
-        Raises:
-            UnknownStrokeError: not in the catalogue.
-        """
+        """Index of a stroke by name. Raises UnknownStrokeError: not in the catalogue."""
         try:
             return self._index_by_name[name]
         except KeyError:
@@ -161,11 +151,7 @@ class Catalogue:
 
 
 def parse(name: str) -> tuple[int, int, int, int]:
-    """Split ``shot:area:height:technique`` into indices.
-
-    Raises:
-        UnknownStrokeError: the wrong number of parts, or an unknown part.
-    """
+    """Split ``shot:area:height:technique`` into indices. Raises UnknownStrokeError: wrong number of parts, or an unknown part."""
     vocabularies: Sequence[tuple[str, tuple[str, ...]]] = (
         ("shot type", SHOTS),
         ("area", AREAS),

@@ -199,11 +199,7 @@ class Game(Layout):
 
     @functools.cached_property
     def limits(self) -> U16:
-        """``[L, base pairs, 3]`` thresholds at each own effort; those at effort 0 are ``threshold``.
-
-        Raises:
-            GameError: in the game of a pair, each seat has its own.
-        """
+        """``[L, base pairs, 3]`` thresholds by own effort. Raises GameError: in the game of a pair, each seat has its own."""
         if self.people is not None:
             advice = "take those of a seat, game.seats[0]"
             raise GameError(f"the game of {self.people.title} has the tables of both players; {advice}")
@@ -232,11 +228,7 @@ class Game(Layout):
         return np.asarray(block // self.levels * self.n_base_pairs + base)
 
     def outcome_probabilities(self, pairs: slice | Indices = ALL, position: int | None = None) -> F64:
-        """``[..., 6]`` probabilities of the :data:`~shuttle_marl.game.rules.OUTCOMES` of legal pairs, all by default; exact.
-
-        Args:
-            position: of the receivers, feasible in all these states; None: without recovery.
-        """
+        """``[..., 6]`` exact probabilities of OUTCOMES of legal pairs, at a feasible ``position``; None: without recovery."""
         if position is None:
             limits, hurried = self.limits_of(pairs), self.hurry_of(pairs)
         else:
@@ -349,11 +341,7 @@ class Game(Layout):
 
     @classmethod
     def load(cls, path: Path) -> "Game":
-        """Read tables written by :meth:`save`.
-
-        Raises:
-            GameError: the file is missing or damaged, its hash does not match, or an index in its tables leads out of them.
-        """
+        """Read tables of :meth:`save`. Raises GameError: missing or damaged, another hash, or an index out of its table."""
         try:
             header, arrays = read_tensors(path)
             names, pairs = parsed(header["strokes"]), arrays["threshold"].shape[-1]

@@ -13,11 +13,9 @@ if TYPE_CHECKING:
     from shuttle_marl.kernel.players import Players, pack
     from shuttle_marl.kernel.rally import MatchBatch, RallyBatch
     from shuttle_marl.kernel.sampling import Assess, RallySampler, play_rallies
-    from shuttle_marl.kernel.table_play import Distinct
 
 __all__ = [
     "Assess",
-    "Distinct",
     "KernelError",
     "MatchBatch",
     "MatchResults",

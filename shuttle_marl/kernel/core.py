@@ -20,8 +20,7 @@ from shuttle_marl.game.draws import GOLDEN
 from shuttle_marl.game.recovery import CENTRE, N_POSITIONS
 from shuttle_marl.game.tables import Game
 
-int64: Final = cast("Callable[[Any], int]", np.int64)
-"""``numpy.int64``, typed as the int that it is to callers of compiled functions."""
+int64: Final = cast("Callable[[Any], int]", np.int64)  # as callers of compiled functions see it
 LOW_16: Final = np.uint64(0xFFFF)
 LOW_8: Final = np.uint64(0xFF)
 _VECTOR: Final = 32
@@ -62,11 +61,7 @@ def checked_array(
 
 
 def check_room(name: str, array: Any, type_: npt.DTypeLike, shape: tuple[int, ...]) -> None:
-    """Check that compiled code can write its results to an array.
-
-    Raises:
-        KernelError: wrong dtype or shape, or an array that is not C-contiguous, aligned and writeable.
-    """
+    """Check an output array. Raises KernelError: wrong dtype or shape, or not C-contiguous, aligned and writeable."""
     wanted = np.dtype(type_)
     fits = isinstance(array, np.ndarray) and array.dtype == wanted and array.shape == shape
     if not fits or not (array.flags.c_contiguous and array.flags.writeable and array.flags.aligned):
@@ -113,11 +108,7 @@ class Tables(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def tables_of(game: Game) -> Tables:
-    """Packed tables of a game (cached).
-
-    Raises:
-        KernelError: the game has too many states or legal pairs.
-    """
+    """Packed tables of a game (cached). Raises KernelError: the game has too many states or legal pairs."""
     size, edge = game.n_base_states, game.reply_edge
     # With e = inverse * size - 2^57 < size, the block of s comes out right where s * e < 2^57, that is for all s < B size.
     if game.n_blocks * size * size >= 1 << 57 or game.n_pairs >= 1 << 31:
@@ -158,16 +149,7 @@ def tables_of(game: Game) -> Tables:
 
 
 def _masks(strokes: Bools, feasible: Bools, row: I32) -> tuple[Bools, tuple[Ints, Ints]]:
-    """Masks of actions.
-
-    Args:
-        strokes: ``[R, n]`` legal strokes.
-        feasible: ``[base states, 9]`` feasible positions.
-        row: ``[base states]`` row of ``strokes``.
-
-    Returns:
-        ``[M, n + 9]`` masks, those of strokes alone first, and ``[base states]`` the rows with positions alone and with both.
-    """
+    """``[M, n + 9]`` masks, those of strokes alone first, and ``[base states]`` the rows with positions alone and with both."""
     n = len(strokes)
     positions, of_base = np.unique(feasible, axis=0, return_inverse=True)
     pairs, both = np.unique(row * len(positions) + of_base.ravel(), return_inverse=True)

@@ -36,9 +36,7 @@ from shuttle_marl.kernel.players import Players, check_players, choose, empty_pl
 from shuttle_marl.kernel.rows import Rows, draw_strokes, move, new_rows, part_of
 from shuttle_marl.kernel.rows import play as strike
 
-_STROKES_A_MATCH: Final = 1600
-"""Initial capacity for the strokes of a match, doubled as needed. Not a power of two, so that the strokes of different matches do
-not compete for the same cache lines."""
+_STROKES_A_MATCH: Final = 1600  # room at first; not a power of two, so that matches do not compete for the same cache lines
 _NOT_GIVEN: Final = np.empty((2, 0), np.int64)
 
 
@@ -46,18 +44,13 @@ _NOT_GIVEN: Final = np.empty((2, 0), np.int64)
 class Matches:
     """M matches to be played.
 
-    Attributes:
-        entrant: ``[M, 2]`` int32 policy at each seat, an index into the list of policies.
-        first_server: ``[M]`` int8 seat that serves first.
-        key: ``[M]`` uint64 key of the draws of each match; matches with the same key share their draws.
-
     Raises:
         KernelError: wrong shapes or kinds of numbers, a negative entrant, or a server that is neither 0 nor 1.
     """
 
-    entrant: I32
-    first_server: I8
-    key: U64
+    entrant: I32  # [M, 2] int32 policy at each seat, an index into the list of policies
+    first_server: I8  # [M] int8 seat that serves first
+    key: U64  # [M] uint64 key of the draws of each match; matches with the same key share their draws
 
     def __post_init__(self) -> None:
         size = len(self.key)
@@ -74,12 +67,11 @@ class MatchResults(NamedTuple):
     """Results of M matches.
 
     Attributes:
-        games: ``[M, 2]`` int32 games won by each seat.
         rallies: all rallies in the order of match, rally. ``match`` is the index of the match, ``policy`` the entrants,
             ``pairing`` 0. ``stroke`` is empty if strokes were not recorded.
     """
 
-    games: I32
+    games: I32  # [M, 2] int32 games won by each seat
     rallies: Rallies
 
 
@@ -95,8 +87,7 @@ Wait = Callable[[I32, I32, I32, I32, I32, I32, I32], Intp]
 """The same of receivers, of whom entrant and seat are: ``[B]`` position of each. All that follows the seat is the striker's."""
 
 _HURRIED_BIT: Final = 15  # bit of a noted stroke that says whether its striker was hurried
-_POSITION_BIT: Final = 11
-"""First of the four bits of a noted stroke that are the position of the receiver; the lower ones are the stroke."""
+_POSITION_BIT: Final = 11  # first of four bits of a noted stroke for the receiver's position; the lower ones are the stroke
 
 
 class _Log(NamedTuple):
@@ -139,14 +130,8 @@ def _begin(lanes: Rows, log: _Log, first_server: I8) -> None:
 
 @compiled
 def _play(tables: Tables, players: Players, lanes: Rows, live: int, log: _Log, step: int, given: I64) -> tuple[int, int]:
-    """Play in the first ``live`` lanes until all matches are over or the capacity for strokes is reached.
-
-    ``lanes.rally`` is the index of the match. All matches start together and never wait, so stroke n of each match is played in
-    step n. Returns the number of lanes that are still live, and the next step.
-
-    Args:
-        given: ``[2, live]`` ranks and positions of one stroke, which alone is played; ``[2, 0]``: the tables choose.
-    """
+    """Play in the first ``live`` lanes while there is room, or one stroke of ``given`` ranks and positions ``[2, live]``."""
+    # All matches start together and never wait, so stroke n of each is played in step n; `lanes.rally` is the index of a match.
     entrant, keep, asked = log.entrant, log.stroke.shape[1] > 0, given.shape[1] > 0
     block = core.new_block(live)
     while live > 0 and (not keep or step < log.stroke.shape[1]):
@@ -220,7 +205,6 @@ class _Running:
         noted = np.concatenate([log.stroke[:0].ravel(), *of_matches])
         rallies = Rallies.of(
             self.game,
-            pairing=np.zeros(len(match), np.uint32),
             match=match.astype(np.uint32),
             rally=rally.astype(np.uint16),
             policy=log.entrant[match].astype(np.uint16),
@@ -351,10 +335,7 @@ def _decisions(game: Game, state: I32, striker: I32, score: I32, history: I32 | 
 
 
 def asking(game: Game, policies: Sequence[Policy], *, positions: bool = False) -> Choose:
-    """Strokes, or positions, of policies: tables are read, others are asked at every stroke, see :func:`ask`.
-
-    Entrants are indices into the policies.
-    """
+    """Strokes, or positions, of policies by their index: tables are read, others are asked at every stroke, see :func:`ask`."""
     read, evaluate = (TabulatedPolicy.choose_position, ask_position) if positions else (TabulatedPolicy.choose, ask)
 
     def choose(entrant: I32, *situation: I32) -> Intp:

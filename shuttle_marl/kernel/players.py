@@ -128,11 +128,7 @@ def _write_guides(cumulative: U16, pair_start: I32, guide: U8) -> None:
 
 
 def empty_players(game: Game, count: int) -> Players:
-    """Tables of ``count`` policies, filled with zeros.
-
-    Raises:
-        KernelError: more than 256 legal strokes in a state.
-    """
+    """Tables of ``count`` policies, filled with zeros. Raises KernelError: more than 256 legal strokes in a state."""
     most = int(np.diff(game.pair_start).max())
     if most > _MOST_LEGAL:
         raise KernelError(f"a state has {most} legal strokes; the kernel supports up to {_MOST_LEGAL}")
@@ -141,11 +137,7 @@ def empty_players(game: Game, count: int) -> Players:
 
 
 def pack(policies: Sequence[TabulatedPolicy], game: Game) -> Players:
-    """Pack policies that are tabulated for one game, or for either seat of the game of a pair.
-
-    Raises:
-        KernelError: no policy, a policy of another game, or more than 256 legal strokes in a state.
-    """
+    """Pack policies of a game, or of either seat of it. Raises KernelError: none, another game, over 256 legal strokes."""
     if not policies:
         raise KernelError("no policy: expected one or more that are tabulated")
     players = empty_players(game, len(policies))
@@ -155,11 +147,7 @@ def pack(policies: Sequence[TabulatedPolicy], game: Game) -> Players:
 
 
 def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Game) -> None:
-    """Replace one of the packed policies.
-
-    Raises:
-        KernelError: a policy of another game or without a table of its states, or an invalid number.
-    """
+    """Replace a packed policy. Raises KernelError: of another game, without a table of its states, or an invalid number."""
     if policy.game.hash not in (tables.hash for tables in game.seats):
         raise KernelError("a policy was tabulated for another game; tabulate it for this one")
     if not 0 <= number < len(players.cumulative):
@@ -185,11 +173,7 @@ def _last_places(game: Game) -> Bools:
 
 
 def check_players(players: Players, game: Game) -> None:
-    """Check that packed policies are of a game.
-
-    Raises:
-        KernelError: they are of another one.
-    """
+    """Check that packed policies are of a game. Raises KernelError: they are of another one."""
     shapes = (game.n_pairs, game.n_states, game.n_states * game.hides)
     if tuple(array.shape[1] for array in players) != shapes:
         raise KernelError("packed policies of another game; make them with pack()")

@@ -442,22 +442,11 @@ class RallyBatch:
         return won, lost
 
     def assign(self, opponent: Ints) -> None:
-        """Set the opponent of each row in the rallies that start from now on.
-
-        Args:
-            opponent: ``[B]`` numbers from 0 to K - 1.
-
-        Raises:
-            KernelError: an invalid number.
-        """
+        """Set the opponents of the rows, ``[B]`` 0 to K - 1, in rallies to come. Raises KernelError: an invalid number."""
         self.opponents.following[:] = checked_array("opponents", opponent, np.int32, (len(self),), 0, self.n_opponents - 1)
 
     def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
-        """Replace an opponent, also in rallies that have started.
-
-        Raises:
-            KernelError: a policy of another game, or an invalid number.
-        """
+        """Replace an opponent, also in rallies that have started. Raises KernelError: of another game, or an invalid number."""
         put_player(self.opponents.players, number, policy, self.game)
 
     def reset(self, seed: int | None = None, rows: Bools | None = None) -> None:
@@ -529,19 +518,12 @@ class RallyBatch:
         return Observations(*(np.empty(shape, kind) for shape, kind in self._shapes))
 
     def observe(self, observed: Observations) -> None:
-        """Write the observation of each striker.
-
-        Raises:
-            KernelError: arrays of wrong shape or dtype.
-        """
+        """Write the observation of each striker. Raises KernelError: arrays of wrong shape or dtype."""
         self._check(observed)
         in_slices(lambda a, b: observe_rows(self._tables, self.rows, self._other, observed, a, b), len(self), self.threads)
 
     def random_actions(self) -> tuple[I64, I64]:
-        """``[B]`` a random legal stroke or position of each row, by the draw of its next stroke.
-
-        And ``[B]`` a random position of each receiver, for rows without opponents.
-        """
+        """``[B]`` random legal strokes or positions, by the next draws, and without opponents ``[B]`` random positions."""
         stroke, position = np.empty(len(self), np.int64), np.zeros(len(self), np.int64)
         args = (self._tables, self.rows, self._other, stroke, position)
         in_slices(lambda a, b: choose_uniform(*args, a, b), len(self), self.threads)

@@ -48,16 +48,14 @@ class Tape(NamedTuple):
             of a rally that was cut off: :data:`CUT`, its reason 32 to 34, seat and opponent.
         score: ``[B, n]`` uint32 at the end of a rally of a match the score before it, 8 bits each: points of both seats, games of
             both seats. ``[B, 0]`` for rallies alone.
-        used: ``[B]`` number of strokes; beyond n they are lost.
     """
 
     code: U64
     score: U32
-    used: I32
+    used: I32  # [B] number of strokes; beyond n they are lost
 
 
-CUT: Final = np.uint64(1 << 48)
-"""Bit of a note that is no stroke, but the end of a rally."""
+CUT: Final = np.uint64(1 << 48)  # bit of a note that is no stroke, but the end of a rally
 _NOTES: Final = 61  # no power of two, so that rows do not compete for the same cache lines
 _ALL_NOTES: Final = 1 << 17  # at least, in all rows: a reading costs some time for each call
 
@@ -77,11 +75,7 @@ class Serving(NamedTuple):
 
 
 def new_rows(batch: int) -> Rows:
-    """Rows before their first rally: row b plays rallies b, b + B, b + 2 B, …
-
-    Raises:
-        OptionError: fewer than one row.
-    """
+    """Rows before their first rally: row b plays rallies b, b + B, b + 2 B, … Raises OptionError: fewer than one row."""
     batch = whole_number("batch", batch, 1)
     return Rows(
         state=np.zeros(batch, np.int32),
@@ -145,21 +139,14 @@ BOTH: Final = 4  # and to that of both
 
 @inlined
 def _asked(tables: Tables, rows: Rows, other: I8, i: int) -> int:
-    """What is to be chosen in row i: 0 a stroke, ``POSITION`` or ``BOTH``.
-
-    Args:
-        other: ``[B]`` seats of the learners' opponents; -1 without learners.
-    """
+    """What is to be chosen in row i: 0 a stroke, ``POSITION`` or ``BOTH``; ``other``: opponents' seats, -1 without learners."""
     # Without a branch: one that holds tuples of arrays costs counts of their references, more than all the rest.
     return core.with_recovery(tables) * (POSITION * (rows.striker[i] == other[i]) + BOTH * (other[i] < 0))
 
 
 @compiled
 def find_ranks(tables: Tables, rows: Rows, other: I8, action: I64, rank: I16, first: int, last: int) -> None:
-    """Write the rank of each stroke among the legal strokes, and of each position n + p among the feasible positions.
-
-    It is -1 where the action is not legal or the row is over.
-    """
+    """Write the rank of each stroke among the legal, of n + p among the feasible positions; -1: illegal, or the row is over."""
     n = tables.rank.shape[1]
     for i in range(first, last):
         rank[i] = -1
@@ -199,7 +186,6 @@ class Observations(NamedTuple):
 
 
 NO_OBSERVATIONS: Final = Observations(np.empty((0, TOKENS), np.int32), np.empty((0, 0), np.bool_))
-"""Observations that are not wanted."""
 
 
 class Output(NamedTuple):

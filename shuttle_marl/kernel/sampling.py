@@ -144,11 +144,7 @@ class RallySampler:
         return checked
 
     def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
-        """Replace an opponent.
-
-        Raises:
-            KernelError: a policy of another game, or an invalid number.
-        """
+        """Replace an opponent. Raises KernelError: a policy of another game, or an invalid number."""
         if number < 0:
             raise KernelError(f"opponent number {number}: expected 0 or more")
         put_player(self._learned.players, number + 1, policy, self.game)
@@ -225,11 +221,7 @@ class RallySampler:
                 raise KernelError(f"outputs of the network are not finite in state: {where}")
 
     def take(self, order: Ints | None = None) -> Distinct:
-        """Return the strokes as distinct states, and reset the sums.
-
-        Args:
-            order: ``[U]`` permutation in which the states of :attr:`known` are returned; None: ascending.
-        """
+        """Return the strokes as distinct states, and reset the sums; ``order``: ``[U]`` permutation of :attr:`known`."""
         known, self._untaken = self._known, False
         states = np.sort(known) if order is None else known[np.asarray(order)]
         count, rallies, won, total, squares, played = self._sums.total[:6].tolist()
@@ -321,7 +313,6 @@ def _rallies_of(game: Game, learned: Learned, played: Played, tape: Tape, number
     policy[:, 1] = np.maximum(played.opponent[rows], 0)
     return Rallies.of(
         game,
-        pairing=np.zeros(len(number), np.uint32),
         match=number.astype(np.uint32),
         rally=np.zeros(len(number), np.uint16),
         policy=policy,

@@ -278,12 +278,7 @@ def _options(tables: Tables, learned: Learned, decision: int) -> tuple[int, int,
 
 @inlined
 def _credit(tables: Tables, learned: Learned, collected: Collected, played: Played, r: int, tape: Tape) -> None:
-    """Count a rally that is over, and add the learner's decisions, backwards: strokes, and where it receives positions.
-
-    Generalised advantages of Schulman et al. 2016, eq. 16: delta = r + gamma V(s') - V(s), A = delta + gamma lambda A'. In
-    self-play each value is that of its striker, so gamma is -1, and what a stroke returns to the striker, the position against it
-    returns to the receiver with the other sign.
-    """
+    """Count a rally that is over, and add the learner's decisions backwards, with the advantages of Schulman et al. 2016."""
     sums, length, alone, states = collected.sums, played.length[r], played.opponent[r] < 0, core.states_of(tables)
     seat, won = (played.server[r] + length - 1) & 1, 2.0 * played.outcome[r] - 1.0
     if seat and not alone:
@@ -360,36 +355,21 @@ class Distinct(NamedTuple):
 
     A stroke has one row for its positive advantages and one for its negative advantages. With recovery states are decisions, see
     :data:`~shuttle_marl.kernel.sampling.Assess`, and position p is stroke n + p.
-
-    Attributes:
-        state: ``[U]`` int32 states.
-        visits: ``[U]`` float32 number of strokes in each state.
-        returns: ``[U]`` float32 mean lambda-return in each state.
-        start: ``[U + 1]`` int64 first row of each state.
-        row: ``[R]`` int64 index of the state of each row.
-        stroke: ``[R]`` int64 catalogue index.
-        log_probability: ``[R]`` float32 log-probability of the stroke when it was played.
-        advantage: ``[R]`` float32 sum of the advantages.
-        strokes: N.
-        deviation: standard deviation of the N advantages.
-        rallies: number of rallies.
-        won: number of rallies that the learner won against opponents.
-        played: number of strokes of both players.
     """
 
-    state: I32
-    visits: F32
-    returns: F32
-    start: I64
-    row: I64
-    stroke: I64
-    log_probability: F32
-    advantage: F32
-    strokes: int
-    deviation: float
-    rallies: int
-    won: int
-    played: int
+    state: I32  # [U] int32 states
+    visits: F32  # [U] float32 number of strokes in each state
+    returns: F32  # [U] float32 mean lambda-return in each state
+    start: I64  # [U + 1] int64 first row of each state
+    row: I64  # [R] int64 index of the state of each row
+    stroke: I64  # [R] int64 catalogue index
+    log_probability: F32  # [R] float32 log-probability of the stroke when it was played
+    advantage: F32  # [R] float32 sum of the advantages
+    strokes: int  # N
+    deviation: float  # standard deviation of the N advantages
+    rallies: int  # number of rallies
+    won: int  # number of rallies that the learner won against opponents
+    played: int  # number of strokes of both players
 
 
 @compiled

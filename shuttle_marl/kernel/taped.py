@@ -52,16 +52,8 @@ class _Read(NamedTuple):
 def _read(
     tables: Tables, tape: Tape, kept: U64, ahead: I32, learners: I8, numbers: _Numbers, matches: int, out: _Read
 ) -> tuple[int, int, int]:
-    """Write the rallies that have ended, keep the notes after them, and empty the tape.
-
-    Args:
-        kept: ``[B, m]`` notes of rallies that had not ended at the last reading, of each row ``ahead`` ``[B]``.
-        learners: ``[B]`` seats of the learners; -1: both seats are theirs.
-        matches: number of matches so far.
-
-    Returns:
-        Numbers of rallies, strokes, and matches so far.
-    """
+    """Write the rallies that have ended, keep the notes after them, and empty the tape; numbers of rallies, strokes, matches."""
+    # `kept` are `[B, m]` notes of rallies that had not ended before, `ahead` of each row; learners of both seats are at seat -1.
     rallies = strokes = 0
     for i in range(tape.used.size):
         seat, first, begin, own, s, ending = learners[i], 0, strokes, False, 0, 0
@@ -141,9 +133,10 @@ class TapeReader:
             raise OptionError(f"{batch.n_opponents} opponents: up to {_MOST_OPPONENTS} can be recorded")
         assert batch.tape is not None
         self._batch, self._add, self._finish, self._matches = batch, add, finish, 0
-        self._thread = ThreadPoolExecutor(1, "reading a tape") if thread else None
+        self._thread = ThreadPoolExecutor(1, "reading a tape")
         self._reading: Future[None] | None = None
-        self._other = new_tape(len(batch), scored=batch.matches is not None)  # swapped with the batch's while that is read
+        # Swapped with the batch's, which the thread then reads.
+        self._other = new_tape(len(batch), scored=batch.matches is not None) if thread else None
         self._begin(0)
 
     def _begin(self, seed: int) -> None:
@@ -162,21 +155,16 @@ class TapeReader:
     def close(self) -> None:
         """Read the rest, and finish."""
         self.reseed(0)
-        if self._thread is not None:
-            self._thread.shutdown()
+        self._thread.shutdown()
         self._finish()
 
     def step(self) -> None:
-        """Read the tape if it is half full.
-
-        Raises:
-            KernelError: a row played more strokes in one step than the tape has room for.
-        """
+        """Read the tape if it is half full. Raises KernelError: a row played more strokes in one step than there is room for."""
         tape = self._batch.tape
         assert tape is not None
         if 2 * int(tape.used.max()) < tape.code.shape[1]:
             return
-        if self._thread is None:
+        if self._other is None:
             self._read(tape)
             return
         self._wait()
@@ -216,5 +204,4 @@ class TapeReader:
         if rallies:
             per_stroke = {"stroke", "hurried", "waited"}
             columns = {name: column[: strokes if name in per_stroke else rallies] for name, column in out._asdict().items()}
-            columns |= {"pairing": np.zeros(rallies, np.uint32), "seed": np.full(rallies, self._seed, np.uint64)}
-            self._add(Rallies.of(game, **columns))
+            self._add(Rallies.of(game, **columns, seed=np.full(rallies, self._seed, np.uint64)))

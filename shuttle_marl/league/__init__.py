@@ -9,9 +9,8 @@ from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.league.entrants import LeagueConfig, LeagueError, default_pool
-    from shuttle_marl.league.ranking import bradley_terry
     from shuttle_marl.league.run import LeagueRun, run_league
 
-__all__ = ["LeagueConfig", "LeagueError", "LeagueRun", "bradley_terry", "default_pool", "run_league"]
+__all__ = ["LeagueConfig", "LeagueError", "LeagueRun", "default_pool", "run_league"]
 
 __getattr__, __dir__ = lazily(__name__)

@@ -92,11 +92,7 @@ def meta_games(names: Sequence[str], pool: Sequence[str], win: F64) -> dict[str,
 
 
 def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
-    """At most twenty cycles of three of N entrants, sorted by the clearness of their closest match.
-
-    Args:
-        win: ``[N, N]`` probability that the row wins against the column.
-    """
+    """At most twenty cycles of three, the clearest closest match first; ``win``: ``[N, N]`` of the row against the column."""
     margin, n = win - 0.5, len(names)
     found = []
     for i in range(n):

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
@@ -11,7 +10,8 @@ import numpy as np
 
 from shuttle_marl.base.arrays import I32, Intp
 from shuttle_marl.base.errors import ShuttleError, suggesting
-from shuttle_marl.base.files import Count, CountOrZero, Seed, check_bounds
+from shuttle_marl.base.files import Count, CountOrZero, Seed
+from shuttle_marl.base.runs import RunOptions
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.policy import HistoryError, Policy, PolicyError, TabulatedPolicy, hash_of, reads_score, tabulate
 from shuttle_marl.game.scoring import RulesName
@@ -40,8 +40,10 @@ class LeagueError(ShuttleError):
 
 @suggesting
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LeagueConfig:
+class LeagueConfig(RunOptions):
     """A tournament: a round robin, in which every pair of entrants plays the same number of matches, or another format."""
+
+    error = LeagueError
 
     pool: tuple[str, ...] = ()
     """Entrants by name (docs/league.md); default: the policies of the package."""
@@ -54,16 +56,8 @@ class LeagueConfig:
     """Rounds of a Swiss tournament; 0: the binary logarithm of the number of entrants."""
     seed: Seed = 0
     """Random seed: the same seed gives the same rallies."""
-    out: Path | None = None
-    """Run folder; default: runs/league-SEED, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the unfinished run in --out, or else the latest one of this seed."""
-    overwrite: bool = False
-    """Replace the run in --out."""
     record: Literal["all", "none"] = "all"
     """Recorded rallies."""
-    game: str = "default"
-    """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
     """The game of one discipline; default: the average of both."""
     players: tuple[str, str] | None = None
@@ -84,7 +78,7 @@ class LeagueConfig:
     """Seconds that a program may take for one stroke before it forfeits; 0 for no limit."""
 
     def __post_init__(self) -> None:
-        check_bounds(self, LeagueError)
+        super().__post_init__()
         if self.matches % 2:
             raise LeagueError(f"--matches {self.matches}: expected an even number")
         if self.date is not None and self.players is None:
@@ -105,11 +99,7 @@ class LeagueConfig:
         return fixed
 
     def load(self) -> Game:
-        """The game that is played.
-
-        Raises:
-            GameError: the model does not exist, or has no skill of the players.
-        """
+        """The game that is played. Raises GameError: the model does not exist, or has no skill of the players."""
         if self.players is None:
             return resolve_game(self.game, self.profile)
         return pair_game(*self.players, date=self.date, discipline=self.profile, game=self.game)
@@ -184,19 +174,11 @@ class Strikers:
         self._game, self._entrants, self._tables = game, entrants, seat_tables(game, entrants)
 
     def choose(self, entrant: I32, state: I32, draw: I32, striker: I32, score: I32, *_: I32) -> Intp:
-        """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.matches.Choose`.
-
-        Raises:
-            ForfeitError: a policy that reads the score raised, or returned no distribution.
-        """
+        """Strokes as :data:`shuttle_marl.kernel.matches.Choose`. Raises ForfeitError: a policy that reads the score failed."""
         return self._decide(TabulatedPolicy.choose, ask, entrant, state, draw, striker, score)
 
     def wait(self, entrant: I32, state: I32, draw: I32, receiver: I32, score: I32, *_: I32) -> Intp:
-        """Position of each receiver, of the game with recovery; see :data:`shuttle_marl.kernel.matches.Wait`.
-
-        Raises:
-            ForfeitError: a policy that reads the score raised, or returned no distribution.
-        """
+        """Positions as :data:`shuttle_marl.kernel.matches.Wait`. Raises ForfeitError: a policy that reads the score failed."""
         return self._decide(TabulatedPolicy.choose_position, ask_position, entrant, state, draw, receiver, score)
 
     def _decide(

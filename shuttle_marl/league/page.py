@@ -55,11 +55,7 @@ class Curve:
 
 
 def read_curve(folder: Path, name: str) -> Curve:
-    """Read the evaluations and the settings of a training run.
-
-    Raises:
-        RunError: they are damaged.
-    """
+    """Read the evaluations and the settings of a training run. Raises RunError: they are damaged."""
     settings = {
         key: value for key, value in runs.read_json(folder / runs.CONFIG, dict[str, Any]).items() if key not in _NOT_A_SETTING
     }

@@ -23,18 +23,14 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.league.entrants import Entrant
 from shuttle_marl.league.tournament import COUNTS, PairResult
 
-ELO: Final = 400 / np.log(10)
-"""Elo points for a unit of theta: 400 points are odds of ten to one."""
+ELO: Final = 400 / np.log(10)  # Elo points for a unit of theta: 400 points are odds of ten to one
 _TAILS: Final = (2.5, 97.5)
 _STEPS: Final = 200
 _FIXED_PRIOR: Final = 0.1
-_INDEPENDENT: Final = np.array([0.25, 0.5, 0.25])
-"""Probabilities of zero, one and two matches won in a cell between equals, if the matches are independent."""
+_INDEPENDENT: Final = np.array([0.25, 0.5, 0.25])  # of 0, 1 and 2 wins in a cell between equals, if independent
 _AT_ONCE: Final = 1 << 21
-_SURE: Final = 5e-7
-"""Exact odds are rounded to six decimals; probabilities are clipped to this distance from 0 and 1, so ratings are finite."""
-_DECIMALS: Final = 6
-"""Decimals of figures in files: coarser than the error bound, so that files are identical on all machines."""
+_SURE: Final = 5e-7  # distance of clipped probabilities from 0 and 1, so that ratings of exact odds (six decimals) are finite
+_DECIMALS: Final = 6  # decimals of figures in files: coarser than the error bound, so that files are identical on all machines
 _NAN: Final = float("nan")
 
 
@@ -79,12 +75,7 @@ def _anchor(met: Bools) -> F64:
 
 
 def wins_of(cells: F64, pairs: Intp, n: int) -> F64:
-    """``[..., n, n]`` matches won, for :func:`bradley_terry`.
-
-    Args:
-        cells: ``[..., P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
-        pairs: ``[P, 2]`` the entrants of each pairing.
-    """
+    """``[..., n, n]`` matches won in ``[..., P, 3]`` cells by the number that the first of the ``[P, 2]`` entrants won."""
     wins = np.zeros((*cells.shape[:-2], n, n))
     wins[..., pairs[:, 0], pairs[:, 1]] = cells[..., 1] + 2 * cells[..., 2]
     wins[..., pairs[:, 1], pairs[:, 0]] = cells[..., 1] + 2 * cells[..., 0]
@@ -194,18 +185,15 @@ class ExactOdds:
     """Exact figures of N entrants; NaN for entrants without a table, which read the score or forfeited.
 
     Attributes:
-        match: ``[N, N]`` probability that the row wins a match against the column, with a random first server.
-        exploitability: ``[N]`` gain of the best response, as a value from 0 to 1.
         normalised_score: ``[N]`` 0 for ``bc``, 1 for the best response to it, by rallies won against ``bc``; NaN for all if the
             game has no ``bc``.
-        problem: reason why there are no figures; empty if there are.
     """
 
     names: tuple[str, ...]
-    match: F64
-    exploitability: F64
+    match: F64  # [N, N] probability that the row wins a match against the column, with a random first server
+    exploitability: F64  # [N] gain of the best response, as a value from 0 to 1
     normalised_score: F64
-    problem: str = ""
+    problem: str = ""  # reason why there are no figures; empty if there are
 
     def share(self, name: str, opponents: Sequence[str]) -> float:
         """Expected fraction of matches won against the opponents that have a table; NaN if none has."""
@@ -261,38 +249,30 @@ class Standing:
     """Rank and figures of one entrant. Forfeited pairings count for neither side.
 
     Attributes:
-        rank: from 1 in its group; entrants that forfeited are ranked behind all others.
-        rating: Bradley-Terry rating in Elo points, mean of the group 0; NaN without matches.
-        rating_low: lower end of its 95 % interval.
-        rating_high: upper end.
         rating_exact: limit of the rating for infinitely many matches of every pair, with mean 0 over entrants with a table; NaN
             without a table.
         rank_low, rank_high: 95 % interval of the rank among entrants of the group with matches; 0 without matches.
         group: from 1; between groups there is no chain of matches, so that their ratings, each with mean 0, cannot be compared.
-        share: fraction of matches won; NaN without matches.
-        share_low: lower end of its 95 % Wilson interval.
-        share_high: upper end.
         exact_share: exact expected fraction of matches won against the opponents that have a table; NaN if there are none.
-        exploitability: gain of the best response to the entrant, as a value from 0 to 1; NaN without a table.
         normalised_score: by rallies won against ``bc``: 0 for ``bc``, 1 for the best response to it; NaN without a table.
     """
 
-    rank: int
+    rank: int  # from 1 in its group; entrants that forfeited are ranked behind all others
     player: str
-    rating: float
-    rating_low: float
-    rating_high: float
+    rating: float  # Bradley-Terry rating in Elo points, mean of the group 0; NaN without matches
+    rating_low: float  # lower end of its 95 % interval
+    rating_high: float  # upper end
     matches: int
     wins: int
-    share: float
-    share_low: float
-    share_high: float
+    share: float  # fraction of matches won; NaN without matches
+    share_low: float  # lower end of its 95 % Wilson interval
+    share_high: float  # upper end
     rally_share: float
     serving: float
     receiving: float
     forfeits: int
     exact_share: float = math.nan
-    exploitability: float = math.nan
+    exploitability: float = math.nan  # gain of the best response to the entrant, as a value from 0 to 1; NaN without a table
     normalised_score: float = math.nan
     rating_exact: float = math.nan
     rank_low: int = 0

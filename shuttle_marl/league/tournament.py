@@ -222,8 +222,7 @@ def _partners(order: list[int], played: set[tuple[int, int]], tries: Iterator[in
     return None
 
 
-_MOST_TRIES: Final = 20_000
-"""Searches for the pairs of a round of a Swiss tournament; only rounds behind half of the entrants may need more."""
+_MOST_TRIES: Final = 20_000  # for the pairs of a Swiss round; only rounds behind half of the entrants may need more
 Block = tuple[PairResult, list[Rallies]]  # a finished pairing and those of its rallies that are recorded, in order
 
 

@@ -8,7 +8,7 @@ the format.
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError
 from shuttle_marl.recording.log_file import recover
-from shuttle_marl.recording.reader import RallyLog, Replay, export, replay
+from shuttle_marl.recording.reader import RallyLog, export, replay
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder
 
 __all__ = [
@@ -21,7 +21,6 @@ __all__ = [
     "RallyLogWriter",
     "RallyRecorder",
     "RecordingError",
-    "Replay",
     "export",
     "recover",
     "replay",

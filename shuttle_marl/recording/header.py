@@ -47,28 +47,19 @@ class OtherFileError(RecordingError):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Player:
-    """A policy that played.
-
-    Attributes:
-        hash: hexadecimal SHA-256 of its table; empty if it has no table because it reads the score.
-    """
+    """A policy that played."""
 
     name: str
-    hash: str = ""
+    hash: str = ""  # hexadecimal SHA-256 of its table; empty if it has no table because it reads the score
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Pair:
-    """The players whose skill the seats have.
-
-    Attributes:
-        date: day of their skill in ISO 8601; None: the last one known.
-        discipline: ``men`` or ``women``; None: the average of both.
-    """
+    """The players whose skill the seats have."""
 
     players: tuple[str, str]
-    date: str | None = None
-    discipline: str | None = None
+    date: str | None = None  # day of their skill in ISO 8601; None: the last one known
+    discipline: str | None = None  # `men` or `women`; None: the average of both
 
     @classmethod
     def of(cls, game: Game) -> "Pair | None":

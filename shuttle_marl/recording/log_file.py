@@ -66,11 +66,7 @@ SUFFIX: Final = ".mcap"
 
 @functools.cache
 def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
-    """Columns of a log: stroke numbers take one byte in a game of up to 256 strokes, else two.
-
-    Args:
-        columns: the columns of :data:`shuttle_marl.game.rally.OPTIONAL` in the log.
-    """
+    """Columns of a log with some of :data:`shuttle_marl.game.rally.OPTIONAL`; strokes take a byte in games of up to 256."""
     rows = _ROW | {name: kind for name, kind in _FURTHER.items() if name in columns}
     kinds = {"stroke": pa.from_numpy_dtype(stroke_dtype(n_strokes)), "hurried": pa.bool_(), "waited": pa.int8()}
     lists = [("strokes", "stroke"), *((name, name) for name in PER_STROKE if name == "hurried" or name in columns)]
@@ -138,12 +134,10 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
 
 
 def _read_arrow(data: bytes) -> pa.RecordBatch:
-    """The only batch of an Arrow stream.
-
-    Arrow decompresses without a limit and does not report the compression, so the field ``compression`` of the metadata is read
-    from the FlatBuffers table ``RecordBatch`` (https://github.com/apache/arrow/blob/main/format/Message.fbs).
-    """
+    """The only batch of an Arrow stream."""
     try:
+        # Arrow decompresses without a limit and does not report the compression, so that is read from the FlatBuffers table
+        # RecordBatch: https://github.com/apache/arrow/blob/main/format/Message.fbs.
         for message in pa.ipc.MessageReader.open_stream(data):
             if message.type == "record batch":
                 metadata = message.metadata.to_pybytes()
@@ -216,11 +210,7 @@ def message_of_chunk(body: bytes) -> Message:
 
 
 def _records(data: bytes | mmap.mmap, at: int = 0) -> Iterator[tuple[int, bytes]]:
-    """Opcode and body of each record from a position on.
-
-    The readers of the official library stop at the first record that they cannot decode, and trust the sizes in it; here a record
-    is decoded on its own, by ``mcap.records``.
-    """
+    """Opcode and body of each record; the official readers stop at one that they cannot decode, and trust the sizes in it."""
     while at < len(data):
         opcode, length = FRAME.unpack(data[at : at + FRAME.size].ljust(FRAME.size, b"\xff"))
         at += FRAME.size
@@ -257,18 +247,18 @@ def files_of(log: Path) -> list[Path]:
 
 
 @contextlib.contextmanager
-def damage(path: Path) -> Iterator[None]:
-    """Turn errors of decoding into a :class:`RecordingError` with the name of the file and a remedy."""
+def damage(path: Path, remedy: str | None = None) -> Iterator[None]:
+    """Turn errors of decoding into a :class:`RecordingError` with the name of the file and a remedy; None: :func:`advice`."""
     try:
         yield
     except DamagedLogError as error:
-        raise DamagedLogError(f"{path}: damaged: {error}; {advice(path)}") from error
+        raise DamagedLogError(f"{path}: damaged: {error}; {remedy or advice(path)}") from error
     except RecordingError as error:
         raise type(error)(f"{path}: {error}") from error
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
     except _UNDECODABLE as error:
-        raise DamagedLogError(f"{path}: damaged: {type(error).__name__}: {error}; {advice(path)}") from error
+        raise DamagedLogError(f"{path}: damaged: {type(error).__name__}: {error}; {remedy or advice(path)}") from error
 
 
 def advice(path: Path) -> str:
@@ -276,16 +266,17 @@ def advice(path: Path) -> str:
     return f"save its undamaged batches with `{command('recording', 'recover', str(path))}`"
 
 
-def content_of(path: Path) -> mmap.mmap:
-    """Content of a file, which is read where it is used."""
-    with open_file(path) as file:
-        if not os.fstat(file.fileno()).st_size:
-            raise OtherFileError("no rally log: it is empty")
-        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+def open_log(path: Path) -> tuple[mmap.mmap, LogHeader, int]:
+    """Content of a rally log, finished or not, which is read where it is used, its header, and the offset of the next record."""
+    with damage(path, "no rally can be read without its header, restore a copy of the file"):
+        with open_file(path) as file:
+            if not os.fstat(file.fileno()).st_size:
+                raise OtherFileError("no rally log: it is empty")
+            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        return data, *_read_header(data)
 
 
-def read_header(data: mmap.mmap) -> tuple[LogHeader, int]:
-    """Header of a rally log, finished or not, and the offset of the next record."""
+def _read_header(data: mmap.mmap) -> tuple[LogHeader, int]:
     if data[: len(_MAGIC)] != _MAGIC:
         raise OtherFileError("no rally log: it does not start as an MCAP file does")
     start = _record(data, len(_MAGIC), Opcode.HEADER)
@@ -313,10 +304,9 @@ class LogFile:
     def __init__(self, path: Path) -> None:
         """Open a file."""
         self.path = path
+        self._data, self.header, _ = open_log(path)
+        self.size, self.close = len(self._data), self._data.close
         with damage(path):
-            self._data = content_of(path)
-            self.size, self.close = len(self._data), self._data.close
-            self.header, _ = read_header(self._data)
             self._read_index()
 
     @property
@@ -372,18 +362,16 @@ class LogFile:
 
 
 class LogFileWriter:
-    """Writes a log; each call passes what it writes to the operating system, or raises an OSError.
+    """Writes a log; each call passes what it writes to the operating system, or raises an OSError."""
 
-    Attributes:
-        size: bytes written so far.
-        rallies: number of the last rally plus one.
-    """
+    size: int  # bytes written so far
+    rallies: int  # number of the last rally plus one
 
     def __init__(self, file: BinaryIO, header: LogHeader) -> None:
         """Write the header."""
         self._file = file
         self._index: list[tuple[int, ...]] = []
-        self.header, self.rallies = header, 0
+        self.rallies = 0
         self._mcap = Writer(file, chunk_size=1, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._mcap.start(profile=_PROFILE, library=header.software)
         self._mcap.add_metadata(_METADATA, header.to_metadata())
@@ -419,9 +407,7 @@ class LogFileWriter:
 
 def salvage(path: Path) -> tuple[LogHeader, Iterator[tuple[int, bytes, Rallies]]]:
     """Header of a log file in any condition, and the number, message and rallies of every undamaged batch, in order."""
-    with damage(path):
-        data = content_of(path)
-        header, start = read_header(data)
+    data, header, start = open_log(path)
     return header, _whole_batches(_records(data, start), header)
 
 
@@ -486,11 +472,7 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
 
 
 def recoverable_files(folder: Path) -> list[Path]:
-    """Unfinished files of a folder without a finished file of the same name.
-
-    Raises:
-        RecordingError: there are none.
-    """
+    """Unfinished files of a folder without a finished file of the same name. Raises RecordingError: there are none."""
     found = [path for path in unfinished_files(folder) if not path.with_suffix("").exists()]
     if not found:
         raise RecordingError(f"{folder}: holds no unfinished rally log; name a damaged file to recover that")

@@ -16,7 +16,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from shuttle_marl.base.arrays import I64, Bools, Ints, UInts
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.errors import counted, printable
 from shuttle_marl.base.files import problem, replacing
 from shuttle_marl.base.table_files import PARQUET, seal_parquet, without_formulas
 from shuttle_marl.game import draws
@@ -106,11 +106,7 @@ class RallyLog:
         return first + self.offsets[at], dataclasses.replace(rallies, policy=policy, pairing=pairing)
 
     def rally(self, number: int) -> Rallies:
-        """One rally by its number, as a single row.
-
-        Raises:
-            RecordingError: the log has no such rally.
-        """
+        """One rally by its number, as a single row. Raises RecordingError: the log has no such rally."""
         i = int(np.searchsorted(self.first_rally, number, side="right")) - 1
         if i < 0 or number >= self.first_rally[i] + self.rallies[i]:
             last = self.first_rally[-1] + self.rallies[-1] - 1 if len(self.first_rally) else -1
@@ -124,13 +120,10 @@ class RallyLog:
         return int(np.searchsorted(self._first_batch, max(i, 0), side="right")) - 1
 
     def numbers_of_match(self, pairing: int, match: int, rally: int | None = None) -> I64:
-        """Numbers of the rallies of one match, in order; empty if the log has none.
-
-        Args:
-            rally: number of a rally, in whose log the match is looked for; None: in all logs of the folder.
+        """Numbers of the rallies of one match, in order; of several logs in that of ``rally``; empty if there are none.
 
         Raises:
-            RecordingError: several logs of the folder have such a match.
+            RecordingError: several logs have such a match, and no rally is named.
         """
         found: dict[int, list[I64]] = {}
         if 0 <= pairing < len(self.pairings) and 0 <= match < 1 << 32:
@@ -477,7 +470,8 @@ def check(path: Path, game: Game | None = None) -> Checked:
         if game is not None:
             wrong = replay(log, game).wrong
             if wrong:
-                problems.append(f"{len(wrong)} rallies do not follow from the seed and the rules, first: {wrong[0]}")
+                found = counted(len(wrong), "rally does not follow", "rallies do not follow")
+                problems.append(f"{found} from the seed and the rules, first: {wrong[0]}")
         return Checked(rallies=log.n_rallies, strokes=log.n_strokes, replayed=game is not None, problems=tuple(problems))
 
 
@@ -510,19 +504,14 @@ def _check_matches(file: LogFile, offset: int) -> list[str]:
 
 
 class _Matches:
-    """Scores of the matches of a log; matches may be interleaved.
-
-    Attributes:
-        open_: ``[M, 11]`` last rally so far of every unfinished match, see :func:`_rows`.
-        in_order: whether each match ended before the next one started.
-    """
+    """Scores of the matches of a log; matches may be interleaved."""
 
     def __init__(self, rules: Rules) -> None:
         self._rules = rules
         self.all_known = True
         self._last = np.full(2, -1, dtype=np.int64)
-        self.open_ = np.empty((0, 11), dtype=np.int64)
-        self.in_order = True
+        self.open_ = np.empty((0, 11), dtype=np.int64)  # last rally so far of every unfinished match, see `_rows`
+        self.in_order = True  # whether each match ended before the next one started
 
     def breaks(self, rallies: Rallies) -> Bools:
         """``[R]`` whether a rally contradicts the rallies before it."""

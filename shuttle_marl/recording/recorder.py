@@ -14,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+from shuttle_marl.base.errors import counted
 from shuttle_marl.base.files import problem
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.recording import log_file
@@ -45,14 +46,7 @@ class RallyLogWriter(LogContext):
     If the disk is full or fails, each call is a :class:`RecordingError`, and earlier batches are complete.
     """
 
-    def __init__(
-        self,
-        path: Path | str,
-        header: LogHeader,
-        *,
-        batch_rallies: int = 4096,
-        fsync_seconds: float = 5.0,
-    ) -> None:
+    def __init__(self, path: Path | str, header: LogHeader, *, batch_rallies: int = 4096, fsync_seconds: float = 5.0) -> None:
         """Start a log.
 
         Args:
@@ -66,10 +60,25 @@ class RallyLogWriter(LogContext):
         if batch_rallies < 1:
             raise RecordingError(f"batch_rallies {batch_rallies}: expected 1 or more")
         self.path, self.header = Path(path), header
-        self._part = unfinished(self.path)
+        self._part = part = unfinished(self.path)
         self._batch_rallies, self._fsync_seconds = batch_rallies, fsync_seconds
         self._waiting: list[Rallies] = []
-        self._open()
+        try:
+            if self.path.exists():
+                raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
+            if part.exists():
+                raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = part.open("xb")
+        except (OSError, ValueError) as error:  # ValueError: an invalid file name
+            raise RecordingError(f"{part}: cannot be written ({problem(error)})") from error
+        try:
+            self._log = log_file.LogFileWriter(self._file, header)
+        except OSError as error:
+            self.abort()
+            part.unlink()
+            raise RecordingError(f"{part}: cannot be written ({error.strerror}); nothing was recorded") from error
+        self._synced = time.monotonic()
 
     @property
     def rallies(self) -> int:
@@ -136,25 +145,6 @@ class RallyLogWriter(LogContext):
         with contextlib.suppress(OSError):  # it writes what an earlier error left in its buffer
             self._file.close()
 
-    def _open(self) -> None:
-        path, part = self.path, self._part
-        try:
-            if path.exists():
-                raise RecordingError(f"{path}: there is a rally log already; delete it or choose another name")
-            if part.exists():
-                raise RecordingError(f"{part}: an unfinished log stands there; {advice(part)}, or delete it")
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = part.open("xb")
-        except (OSError, ValueError) as error:  # ValueError: an invalid file name
-            raise RecordingError(f"{part}: cannot be written ({problem(error)})") from error
-        try:
-            self._log = log_file.LogFileWriter(self._file, self.header)
-        except OSError as error:
-            self.abort()
-            part.unlink()
-            raise RecordingError(f"{part}: cannot be written ({error.strerror}); nothing was recorded") from error
-        self._synced = time.monotonic()
-
     def _sync(self) -> None:
         os.fsync(self._file.fileno())
         self._synced = time.monotonic()
@@ -166,8 +156,8 @@ class RallyLogWriter(LogContext):
             yield
         except OSError as error:
             self.abort()
-            told = f"{self._part}: cannot be written ({error.strerror}); the {self.rallies} rallies before it are complete"
-            raise RecordingError(f"{told}: free disk space and resume, or {advice(self._part)}") from error
+            kept = f"cannot be written ({error.strerror}); it holds {counted(self.rallies, 'complete rally', 'complete rallies')}"
+            raise RecordingError(f"{self._part}: {kept}: free disk space and resume, or {advice(self._part)}") from error
 
     def _write(self, rallies: Rallies) -> None:
         self.write_message(self.rallies, encode(self.rallies, rallies, len(self.header.strokes)), rallies)
@@ -188,9 +178,10 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         RecordingError: the unfinished log has another header or fewer undamaged rallies, or cannot be written.
     """
     source = set_aside(path)
+    told = counted(rallies, "rally", "rallies")
     with log_file.damage(path):
         if not rallies:
-            if path.exists() and log_file.read_header(log_file.content_of(path))[0] != header:
+            if path.exists() and log_file.open_log(path)[1] != header:
                 raise RecordingError("the log of another run; delete it or choose another name")
             for file in files_of(path):
                 file.unlink()
@@ -200,7 +191,7 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         elif files := files_of(path):
             os.replace(files[0], source)
         else:
-            raise RecordingError(f"{unfinished(path).name}: is missing, with the {rallies} rallies that were played; start again")
+            raise RecordingError(f"{unfinished(path).name}: is missing, with {told} that the run has played; start again")
     before, batches = salvage(source)
     if before != header:
         raise RecordingError(f"{source}: another game, other policies or another seed than this run has; start again")
@@ -211,7 +202,7 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
         writer.write_message(first, data, batch)
     if writer.rallies != rallies:
         writer.abort()
-        raise RecordingError(f"{source}: {rallies} rallies were played, {writer.rallies} are undamaged; start again")
+        raise RecordingError(f"{source}: the run has played {told}, of which {writer.rallies:,} undamaged; start again")
     writer.flush()
     source.unlink()
     return writer
@@ -245,11 +236,7 @@ class RallyRecorder(LogContext):
         return cls(RallyLogWriter(path, header, **options))
 
     def add(self, rallies: Rallies) -> None:
-        """Record some finished rallies; blocks while the queue is full.
-
-        Args:
-            rallies: the rallies; their arrays must not be changed afterwards.
-        """
+        """Record finished rallies, whose arrays must not be changed afterwards; blocks while the queue is full."""
         if len(rallies):
             self._raise()
             while self._queue and (self._queue[0][1].done() or self._waiting > self._limit):

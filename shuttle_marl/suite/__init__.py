@@ -8,22 +8,19 @@ from typing import TYPE_CHECKING
 from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
-    from shuttle_marl.suite.exploit import PlayerSetting, Trained
-    from shuttle_marl.suite.options import SuiteError, SuiteRun
-    from shuttle_marl.suite.results import TASKS, find_task, summarise, verify_run
+    from shuttle_marl.suite.exploit import Trained
+    from shuttle_marl.suite.options import SuiteRun
+    from shuttle_marl.suite.results import TASKS, find_task, verify_run
     from shuttle_marl.suite.run import run_method
     from shuttle_marl.suite.task import Task
 
 __all__ = [
     "TASKS",
-    "PlayerSetting",
-    "SuiteError",
     "SuiteRun",
     "Task",
     "Trained",
     "find_task",
     "run_method",
-    "summarise",
     "verify_run",
 ]
 

@@ -47,7 +47,7 @@ _KNOWN: Final = {
     **_all("players", "bc = named:bc", "minimax = named:minimax", access="tables", kind="reference"),
     **_all("players", "random = named:random", kind="reference"),
 }
-BASELINES: Final[dict[str, dict[str, Baseline]]] = {
+BASELINES: Final[dict[str, dict[str, Baseline]]] = {  # baselines by kind of task
     "exploit": {
         **_LEARNERS,
         **_all("players", "ppo-restricted", "ppo-self-play"),
@@ -83,7 +83,6 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         **_all("logs", "dice", "fitted-q-evaluation", "model = model-value", "model-boosted = model-boosted-value"),
     },
 }
-"""Baselines by kind of task."""
 
 
 def kind_of(task: str) -> str:
@@ -126,11 +125,7 @@ def find(task: str, name: str) -> Method:
 
 
 def made(method: Method, setting: Any, name: str, *calls: str) -> Any:
-    """Call a method with a setting; a class or function without parameters is called without one.
-
-    Raises:
-        SuiteError: it raised, or made an object without one of the ``calls``.
-    """
+    """Call a method with a setting, if it takes one. Raises SuiteError: it raised, or made an object without one of ``calls``."""
     try:
         inspect.signature(method).bind()
     except TypeError:
@@ -143,11 +138,7 @@ def made(method: Method, setting: Any, name: str, *calls: str) -> Any:
 
 
 def called(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call code of a method.
-
-    Raises:
-        SuiteError: it raised.
-    """
+    """Call code of a method. Raises SuiteError: it raised."""
     try:
         return function(*arguments)
     except ShuttleError:

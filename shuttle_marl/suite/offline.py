@@ -30,16 +30,14 @@ BEHAVIOURS: Final = ("bc", "bc+0.1*minimax", "attacking@greedy", "minimax", "bc:
 """Behaviour policies of the logs; PLAYER is the first imitated player of the split."""
 _APART: Final = "minimax"  # behaviour that cloning it almost solves, so its logs do not count
 _SIGMA: Final = 1.0  # spread of drawn games, so large that play that is perfect in the shipped game is not strong in them
-NAMED: Final = (
+NAMED: Final = (  # targets of `evaluate` by name
     "bc", "bc@0.7", "bc@0.4", "bc@greedy", "bc:PLAYER", "attacking", "attacking@greedy", "defensive", "defensive@greedy", "safe",
     "safe@greedy", "minimax", "human:0.05", "human:0.2", "random", "bc+0.5*minimax",
 )  # fmt: skip
-"""Targets of ``evaluate`` by name."""
-TRAINED: Final = (
+TRAINED: Final = (  # targets of `evaluate` that methods of `offline` trained on the log
     "one-step", "one-step:2", "one-step:8", "fitted-q", "fitted-q:2", "fitted-q:8", "one-step:64", "fitted-q:64", "model:64",
     "model", "model:2", "model:8", "model-pessimistic", "model-pessimistic:0.2", "clone", "clone:8",
 )  # fmt: skip
-"""Targets of ``evaluate`` that methods of ``offline`` trained on the log."""
 _QUICK: Final = 3000
 _FRESH: Final = 1000  # added to the seed of a fresh log
 
@@ -128,12 +126,7 @@ class Offline(LogTask):
 
 
 def fitted(method: Method, log: Log, setting: Setting, name: str) -> TabulatedPolicy:
-    """The table of the player that a method fits to a log.
-
-    Raises:
-        SuiteError: the method raised, or did not return a player.
-        PolicyError: the player is no policy.
-    """
+    """Table of the player that a method fits to a log. Raises SuiteError: it raised, or returned none; PolicyError: no policy."""
     learner = made(method, setting, name, "fit")
     data = log.transitions if getattr(learner, "track", "both") == "own" else log
     return table_of(called(name, learner.fit, data), log.game, name)

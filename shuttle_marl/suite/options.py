@@ -1,14 +1,14 @@
 """Options of runs, without the solvers: the command reads them before anything is imported that needs numba."""
 
 import dataclasses
-from pathlib import Path
 from typing import Annotated, Final, Literal, get_args
 
 import msgspec
 import tyro
 
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import Count, check_bounds
+from shuttle_marl.base.files import Count
+from shuttle_marl.base.runs import RunOptions
 
 Split = Literal["dev", "test", "round"]
 """Part of a task: for tuning, for scores that are reported, and drawn from a seed that no method knows."""
@@ -24,8 +24,10 @@ class SuiteError(ShuttleError):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SuiteRun:
+class SuiteRun(RunOptions):
     """Options of a run of a method on a task."""
+
+    error = SuiteError
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
     """Name of the task."""
@@ -45,16 +47,3 @@ class SuiteRun:
     """Parallel processes; results do not depend on it."""
     ray: str | None = None
     """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
-    game: str = "default"
-    """Model of the game: a shipped one or a folder."""
-    out: Path | None = None
-    """Run folder; default runs/TASK-METHOD-SPLIT, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the run in --out (or the default folder)."""
-    overwrite: bool = False
-    """Replace the run in --out."""
-
-    def __post_init__(self) -> None:
-        check_bounds(self, SuiteError)
-        if self.resume and self.overwrite:
-            raise SuiteError("--resume continues a run and --overwrite replaces it; give one of them")

@@ -121,11 +121,7 @@ def luck(split: Split, seed: str | None, *numbers: int) -> int:
 
 
 def waiting(policy: TabulatedPolicy, shift: F64) -> TabulatedPolicy:
-    """A policy with ``shift`` added to the log-probabilities of its positions.
-
-    Args:
-        shift: ``[14, 9]`` by the shot type that it has played (the last one: none) and position.
-    """
+    """A policy with ``[14, 9]`` added to the log-probabilities of its positions, by the shot type played (the last: none)."""
     game = policy.game
     weight = policy.position_probabilities() * np.exp(shift)[game.incoming_shot(np.arange(game.n_states))]
     return policy.waiting_at(weight / weight.sum(axis=1, keepdims=True))

@@ -35,11 +35,7 @@ TASKS: Final[dict[str, Task]] = {task.name: task() for task in (Exploit, Exploit
 
 
 def find_task(name: str) -> Task:
-    """A task by name.
-
-    Raises:
-        SuiteError: there is no such task.
-    """
+    """A task by name. Raises SuiteError: there is no such task."""
     if name not in TASKS:
         raise SuiteError(f"no task {name!r}{did_you_mean(name, TASKS, 0.4)}; there are: {', '.join(TASKS)}")
     return TASKS[name]
@@ -49,12 +45,7 @@ def find_task(name: str) -> Task:
 def arena_of(
     task: Task, model: str, split: Split, *, quick: bool = False, budget: int | None = None, seed: str | None = None
 ) -> Arena:
-    """The game and the split of a task.
-
-    Raises:
-        SuiteError: the seed of a round is missing.
-        GameError: the model does not exist.
-    """
+    """The game and the split of a task. Raises SuiteError: a round without a seed; GameError: the model does not exist."""
     if split == "round" and not seed:
         raise SuiteError("--split round: its games are drawn from a seed that no method knows; name it with --seed")
     variant = "-".join(filter(None, (task.variants.get(split), RECOVERY * task.recovery)))
@@ -148,11 +139,7 @@ class Entry:
 
 
 def read(path: Path, kind: type[files.T], advice: str = "", *, sealed: bool = False, limit: int = files.MAX_JSON) -> files.T:
-    """Read a JSON file, see :func:`shuttle_marl.base.files.read_json`.
-
-    Raises:
-        SuiteError: it is missing, damaged, or was changed.
-    """
+    """Read a JSON file as :func:`shuttle_marl.base.files.read_json` does. Raises SuiteError: missing, damaged, or changed."""
     try:
         return files.read_json(path, kind, sealed=sealed, limit=limit)
     except files.FileReadError as error:
@@ -183,11 +170,7 @@ def read_entry(path: Path) -> Entry:
 
 
 def read_outcome(folder: Path, entry: Entry, game: Game) -> Outcome:
-    """The outcome of a unit, with its policies; each is read once.
-
-    Raises:
-        PolicyError: a policy is missing, damaged, or of another game.
-    """
+    """The outcome of a unit; each policy is read once. Raises PolicyError: one is missing, damaged, or of another game."""
     stored = StoredPolicies(folder / POLICIES, game)
     loaded = {digest: stored.read(digest) for digest in set(entry.policies.values())}
     policies = {role: loaded[digest] for role, digest in entry.policies.items()}
@@ -206,11 +189,7 @@ def read_card(folder: Path) -> Card:
 
 
 def read_unit(folder: Path, number: int, case: Case, seed: int) -> Entry:
-    """The unit of a case, with what can be checked without computing anything.
-
-    Raises:
-        SuiteError: it is missing, damaged, of another case or seed, or used more than its budget.
-    """
+    """The unit of a case, as far as nothing is computed. Raises SuiteError: missing, damaged, of another unit, or over budget."""
     path = entry_path(folder, number, seed)
     entry = read_entry(path)
     if (entry.case, entry.seed) != (case.name, seed):
@@ -219,11 +198,7 @@ def read_unit(folder: Path, number: int, case: Case, seed: int) -> Entry:
 
 
 def checked(entry: Entry, case: Case) -> Entry:
-    """The entry, if it can be read again and used no more than the budget of its case.
-
-    Raises:
-        SuiteError: a number is out of range, there are too many, or it used more.
-    """
+    """The entry, within its bounds. Raises SuiteError: a number out of range, too many, or more strokes than the budget."""
     try:
         entry = msgspec.convert(dataclasses.asdict(entry), Entry)
     except msgspec.ValidationError as error:
@@ -236,7 +211,6 @@ def checked(entry: Entry, case: Case) -> Entry:
 DIGITS: Final = 6  # decimal places in which scores differ; verification allows less
 TOLERANCE: Final = 1e-7  # largest difference between a recomputed score and the stored one, in the unit of the score
 NOT_VERIFIED: Final = ("names", "strokes", "tuning", "seconds", "access", "independent seeds", "what made the policies")
-"""What no recomputation can show."""
 Units = dict[str, dict[str, list[float]]]  # figures by stratum, case and seed
 
 
@@ -412,11 +386,7 @@ def _middles(cases: Mapping[str, Sequence[float]]) -> list[float]:
 
 
 def difference(ours: Row, theirs: Row) -> Bounds:
-    """Difference of the main score in paired units, positive if the first run is better, aggregated as scores are.
-
-    Raises:
-        SuiteError: the runs have different tasks, cases or seeds.
-    """
+    """Paired difference of the main score, positive if the first run is better. Raises SuiteError: other task, cases or seeds."""
     sizes = [{case: len(seeds) for cases in row["units"].values() for case, seeds in cases.items()} for row in (ours, theirs)]
     if ours["task"] != theirs["task"] or sizes[0] != sizes[1]:
         raise SuiteError(f"{ours['method']} and {theirs['method']} have different cases or seeds; run both with the same ones")

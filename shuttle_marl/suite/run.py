@@ -21,17 +21,15 @@ from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.results import CARD, Card, Entry, RunConfig, arena_of, find_task, summarise, task_of_run, write_card
 
 PACKAGES: Final = ("numpy", "scipy", "numba", "msgspec", "zstandard")
-PlayedUnit = tuple[Path, Entry, dict[str, bytes]]
-"""File of the entry of a unit, the entry, and the compressed table of each policy by its hash."""
+PlayedUnit = tuple[Path, Entry, dict[str, bytes]]  # file of an entry, the entry, and packed tables by hash
 
 
-_METHODS: Final = {
+_METHODS: Final = {  # template and its method, by kind of task
     **dict.fromkeys(("exploit", "equilibrium"), "player:train"),
     "adapt": "adapter:Adapter",
     "offline": "offline:Learner",
     "evaluate": "estimator:Estimator",
 }
-"""Template and its method, by kind of task."""
 
 
 def run_method(options: SuiteRun, console: Console | None = None) -> Path:

@@ -82,13 +82,7 @@ def _coarser_cells(game: Game) -> tuple[I64, ...]:
 
 
 def cloned(game: Game, pair: Ints, *, shrink: float = SHRINK, prior: F64 | None = None) -> F64:
-    """``[base pairs]`` behaviour cloned from strokes: the probability of each stroke in its state.
-
-    Args:
-        pair: ``[M]`` legal pairs of the strokes.
-        shrink: pseudo-observations of the coarser cell.
-        prior: ``[base pairs]`` probabilities without observations; None: all legal strokes are equally likely.
-    """
+    """``[base pairs]`` cloned probability of each stroke in its state; ``prior``: without observations; None: uniform."""
     state = game.base_pair_state
     base = np.asarray(pair) % game.n_base_pairs
     chance: F64 = 1.0 / np.bincount(state)[state] if prior is None else prior
@@ -134,12 +128,7 @@ def best_of(game: Game) -> Backup:
 
 
 def fitted_q(data: Transitions, backup: Backup, *, shrink: float = SHRINK) -> F64:
-    """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke.
-
-    Args:
-        backup: value of the next state.
-        shrink: pseudo-observations of the coarser cell.
-    """
+    """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke."""
     game, prior = data.game, float(data.won[data.first].mean())
     fit = functools.partial(shrunk_means, game, data.pair, prior=prior, shrink=shrink)
     going = data.following >= 0
@@ -165,11 +154,7 @@ def greedy(game: Game, q: F64) -> PairPolicy:
 
 
 def estimated_game(log: Log, *, shrink: float = SHRINK) -> Game:
-    """The game with outcomes estimated from the strokes of both players.
-
-    Args:
-        shrink: pseudo-observations of the coarser cell.
-    """
+    """The game with outcomes estimated from the strokes of both players; ``shrink``: pseudo-observations of the coarser cell."""
     prior = 1 / len(OUTCOMES)
     shares = [
         shrunk_means(log.game, log.pair, (log.outcome == outcome).astype(np.float64), prior=prior, shrink=shrink)

@@ -48,14 +48,12 @@ class Outcome:
     """What a method produced in a unit.
 
     Attributes:
-        policies: tables by role, such as ``player``.
         answers: JSON values by name, for tasks that score more than policies.
-        strokes: strokes that the learner declares to have used; None: unknown or not applicable.
     """
 
-    policies: Mapping[str, TabulatedPolicy] = dataclasses.field(default_factory=dict)
+    policies: Mapping[str, TabulatedPolicy] = dataclasses.field(default_factory=dict)  # tables by role, such as `player`
     answers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    strokes: int | None = None
+    strokes: int | None = None  # strokes that the learner declares to have used; None: unknown or not applicable
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -108,14 +106,11 @@ class Task(abc.ABC):
     recovery: ClassVar[bool] = False  # whether the game is the one with recovery, in which the receiver's position is hidden
     hidden: ClassVar[tuple[str, ...]] = ()  # what a player of the task does not know
     access: ClassVar[Access] = "tables"  # the least that a method has to read
-    entrance: ClassVar[bool] = False
-    """Whether simple rules come near the optimum: an entrance to the suite, scored apart from the other tasks."""
+    entrance: ClassVar[bool] = False  # whether simple rules come near the optimum; scored apart from the other tasks
     budgets: ClassVar[tuple[int, ...]] = ()  # strokes that a learner may play, which methods declare; each has a board of its own
     seeds: ClassVar[int] = 3  # default number of seeds
-    variants: ClassVar[Mapping[str, str]] = {}
-    """Variant of the model that a split is played on, such as the game of one discipline."""
-    drawn: ClassVar[Mapping[str, float]] = {"round": 0.5}
-    """Splits whose game does not ship: it is drawn with this standard deviation, see :func:`drawn_game`."""
+    variants: ClassVar[Mapping[str, str]] = {}  # variant of the model of a split, such as the game of one discipline
+    drawn: ClassVar[Mapping[str, float]] = {"round": 0.5}  # splits whose game is drawn, with this deviation: `drawn_game`
     roles: ClassVar[tuple[str, ...]] = ("player",)  # roles of the policies of an outcome
     answers: ClassVar[tuple[str, ...]] = ()  # names of the answers of an outcome
     optimum: ClassVar[float | None] = None  # score of perfect play; None: the score ``best`` of a unit, if there is one
@@ -131,11 +126,7 @@ class Task(abc.ABC):
         return " ".join((self.__doc__ or "").replace("``", "").split())
 
     def cases(self, arena: Arena) -> list[Case]:
-        """Cases of the split, or those of one budget.
-
-        Raises:
-            SuiteError: there is none of this budget.
-        """
+        """Cases of the split, or those of one budget. Raises SuiteError: there is none of this budget."""
         found = self.all_cases(arena)
         if arena.budget is not None and arena.budget not in (budgets := sorted({case.budget for case in found} - {0})):
             raise SuiteError(f"--budget {arena.budget}: {self.name} has {', '.join(map(str, budgets)) or 'no budgets'}")
@@ -160,11 +151,7 @@ class Task(abc.ABC):
 
     @abc.abstractmethod
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:
-        """Scores of an outcome by name; :attr:`metric` is one of them.
-
-        Raises:
-            SuiteError: the outcome lacks something, or holds something illegal.
-        """
+        """Scores of an outcome by name, :attr:`metric` among them. Raises SuiteError: something is lacking, or illegal."""
 
     @abc.abstractmethod
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:
@@ -177,11 +164,7 @@ class Task(abc.ABC):
 
 
 def required(outcome: Outcome, role: str = "player") -> TabulatedPolicy:
-    """The policy of a role.
-
-    Raises:
-        SuiteError: the outcome has none.
-    """
+    """The policy of a role. Raises SuiteError: the outcome has none."""
     if role not in outcome.policies:
         raise SuiteError(f"no policy {role!r} is stored; run the method again")
     return outcome.policies[role]

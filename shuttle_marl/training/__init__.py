@@ -10,7 +10,7 @@ from shuttle_marl.base.extras import hinted, lazily
 if TYPE_CHECKING:
     from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError
     from shuttle_marl.training.networks import agent_network
-    from shuttle_marl.training.run import Evaluation, Evaluator, Study, TrainingRun, train, train_seeds
+    from shuttle_marl.training.run import Evaluation, Evaluator, train, train_seeds
 
 __all__ = [
     "A2CConfig",
@@ -18,10 +18,8 @@ __all__ = [
     "Evaluator",
     "PPOConfig",
     "SACConfig",
-    "Study",
     "TrainingConfig",
     "TrainingError",
-    "TrainingRun",
     "agent_network",
     "train",
     "train_seeds",

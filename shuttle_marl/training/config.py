@@ -13,18 +13,8 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 import msgspec
 
 from shuttle_marl.base.errors import ShuttleError, did_you_mean, printable, suggesting
-from shuttle_marl.base.files import (
-    Count,
-    CountOrZero,
-    FileReadError,
-    Fraction,
-    FractionOrZero,
-    Positive,
-    Seed,
-    Weight,
-    check_bounds,
-    read_json,
-)
+from shuttle_marl.base.files import Count, CountOrZero, FileReadError, Fraction, FractionOrZero, Positive, Seed, Weight, read_json
+from shuttle_marl.base.runs import RunOptions
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 
@@ -43,28 +33,17 @@ class TrainingError(ShuttleError):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class RunConfig:
+class RunConfig(RunOptions):
     """Settings of a run and its game."""
 
-    error: ClassVar[type[TrainingError]] = TrainingError
+    error = TrainingError
 
     seed: Seed = 0
     """Random seed."""
-    out: Path | None = None
-    """Run folder; default runs/ALGORITHM-SEED, of a league runs/league-training, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the run in --out (or the default folder) from its last checkpoint."""
-    overwrite: bool = False
-    """Replace the run in --out."""
     record: Literal["all", "none"] = "all"
     """Rallies in the rally log: all (some 1.8 bytes a stroke) or none; does not change the weights."""
-    game: str = "default"
-    """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
     """Discipline of the game; default: the average of both."""
-
-    def __post_init__(self) -> None:
-        check_bounds(self, self.error)
 
     def fixed(self) -> dict[str, Any]:
         """Settings that determine the result, as JSON."""
@@ -158,11 +137,7 @@ class TrainingConfig(RunConfig):
         return -1.0 if self.self_play else 1.0
 
     def bonuses(self) -> dict[str, float]:
-        """Bonus of each shot type in ``bonus``.
-
-        Raises:
-            TrainingError: an entry is not SHOT=POINTS.
-        """
+        """Bonus of each shot type in ``bonus``. Raises TrainingError: an entry is not SHOT=POINTS."""
         points = {}
         for entry in self.bonus:
             shot, _, number = entry.partition("=")

@@ -140,11 +140,7 @@ class Learner(abc.ABC):
         return data
 
     def state_dict(self) -> Tensors:
-        """State for a checkpoint, as tensors by name; random generators are not included.
-
-        Raises:
-            DivergedError: a number is not finite.
-        """
+        """State for a checkpoint, as tensors by name, without random generators. Raises DivergedError: a number is not finite."""
         tensors = {f"collector.{name}": tensor for name, tensor in self.collector.state_dict().items()}
         for name, module in self.modules.items():
             tensors |= {f"{name}.{part}": tensor.detach().cpu().contiguous() for part, tensor in module.state_dict().items()}
@@ -158,11 +154,7 @@ class Learner(abc.ABC):
         return tensors
 
     def load_state_dict(self, tensors: Tensors) -> None:
-        """Restore the output of :meth:`state_dict`.
-
-        Raises:
-            KeyError, ValueError, RuntimeError: the state of another kind of learner.
-        """
+        """Restore :meth:`state_dict`. Raises KeyError, ValueError, RuntimeError: the state of another kind of learner."""
         for name, module in self.modules.items():
             module.load_state_dict(with_prefix(name, tensors))
         for name, optimizer in self.optimizers.items():
@@ -198,11 +190,7 @@ class Mean:
         self._totals, self._count = dict.fromkeys(names, 0.0), 0
 
     def add(self, terms: TensorDictBase) -> None:
-        """Add the terms of a gradient step.
-
-        Raises:
-            DivergedError: a term is not finite.
-        """
+        """Add the terms of a gradient step. Raises DivergedError: a term is not finite."""
         self._count += 1
         for name in self._totals:
             value = terms[name].mean().item()
@@ -236,12 +224,9 @@ class RallyCollector:
             shaping=added_rewards(config, game) if config.shapes_rewards else None,
         )
         self.observer = Observer(game, config.device)
-        self.generator = torch.Generator()
-        """Random numbers of rollouts and updates; :meth:`set_seed` seeds it."""
-        self.iteration = 0
-        """Number of collected iterations."""
-        self.strokes = 0
-        """Strokes of the learner in the last iteration."""
+        self.generator = torch.Generator()  # random numbers of rollouts and updates; `set_seed` seeds it
+        self.iteration = 0  # number of collected iterations
+        self.strokes = 0  # strokes of the learner in the last iteration
 
     def collect(self) -> TensorDictBase:
         """Play the rallies of the next iteration.

@@ -185,13 +185,9 @@ class StateEncoder(nn.Module):
 
 
 class Logits(nn.Linear):
-    """Last layer of a policy.
+    """Last layer of a policy."""
 
-    Attributes:
-        temperature: softmax temperature, which divides the output; it is not a weight.
-    """
-
-    temperature: float = 1.0
+    temperature: float = 1.0  # softmax temperature, which divides the output; it is not a weight
 
     def forward(self, input: torch.Tensor) -> torch.Tensor:
         """``[..., n]`` logits."""
@@ -209,11 +205,7 @@ def head(game: Game, outputs: int, *, width: int, hidden: int, scale: float, lay
 
 
 def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, distinct: bool = False) -> ProbabilisticActor:
-    """Stochastic policy from observation and action mask to action.
-
-    Args:
-        distinct: whether it has the entry ``row``.
-    """
+    """Stochastic policy from observation and action mask to action; ``distinct``: whether it has the entry ``row``."""
     network = head(game, game.n_actions, width=width, hidden=hidden, scale=0.01, layer=Logits)
     keywords: dict[str, Any] = {"return_log_prob": True} if log_prob else {}
     return ProbabilisticActor(
@@ -236,11 +228,7 @@ def make_q_network(game: Game, *, width: int, hidden: int) -> "StrokeValues":
 
 
 class StrokeValues(TensorDictModule):
-    """Values of all strokes in U states, or of R single strokes if ``row`` and ``played`` are present.
-
-    Args:
-        network: network from ``[U, 7]`` observations to ``[U, n]`` values.
-    """
+    """Values ``[U, n]`` of all strokes in ``[U, 7]`` observations, or of R strokes if ``row`` and ``played`` are there."""
 
     def __init__(self, network: nn.Module) -> None:
         super().__init__(network, in_keys=["observation", "row", "played"], out_keys=["action_value"])
@@ -297,11 +285,7 @@ def weights_of(actor: ProbabilisticActor, temperature: float = 1.0) -> dict[str,
 
 
 def tabulated(actor: ProbabilisticActor, game: Game, temperature: float = 1.0) -> TabulatedPolicy:
-    """Tabulate an actor at a softmax temperature.
-
-    Raises:
-        DivergedError: an output of the network is not finite.
-    """
+    """Tabulate an actor at a softmax temperature. Raises DivergedError: an output of the network is not finite."""
     try:
         return PolicyNetwork.of_tensors(weights_of(actor, temperature), game).table(game)
     except PolicyError as error:

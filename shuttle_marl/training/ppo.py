@@ -33,11 +33,7 @@ _TERMS = ("loss_objective", "loss_critic", "loss_entropy")
 
 
 class ActorCritic(Learner):
-    """PPO and A2C, which differ in their loss and in the number of gradient steps.
-
-    Args:
-        **options: of the loss, besides those that both have.
-    """
+    """PPO and A2C, which differ in their loss, with options of its own, and in the number of gradient steps."""
 
     config: A2CConfig | PPOConfig
     reference: ReferencePolicy | None = None

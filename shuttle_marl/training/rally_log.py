@@ -19,8 +19,7 @@ from shuttle_marl.recording.recorder import LogContext, resume
 from shuttle_marl.training.config import PPOConfig, TrainingConfig
 from shuttle_marl.training.self_play import n_opponents
 
-FIRST: Final = 10_000
-"""Rallies at the beginning of a run that have figures by default, so that those of a short run all have them."""
+FIRST: Final = 10_000  # rallies at the beginning of a run that have figures, so that those of a short run all have them
 _EVERY: Final = 100
 _FIGURES: Final = ("log_probability", "value")
 

@@ -44,8 +44,7 @@ from shuttle_marl.training.sac import SAC
 from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
 
 AGENT: Final = "agent"
-BEST: Final = "best"
-"""Folder of the best agent: the least exploitable in self-play, else that with the highest probability of winning rallies."""
+BEST: Final = "best"  # folder of the best agent: the least exploitable in self-play, else that which wins most rallies
 PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 LEARNERS: Final[dict[str, Callable[..., Learner]]] = {"ppo": PPO, "a2c": A2C, "sac": SAC}
 _WEIGHTS, _SEGMENT = 0, 1  # streams of random numbers: initial weights, and segments between checkpoints
@@ -77,11 +76,7 @@ class Evaluation:
 
 
 class Evaluator:
-    """Evaluates policies against fixed opponents; what does not depend on the policy is solved once.
-
-    Args:
-        reference: table of ``bc``; None: it is made.
-    """
+    """Evaluates policies against fixed opponents; what does not depend on the policy is solved once."""
 
     def __init__(self, game: Game, opponents: Sequence[TabulatedPolicy], reference: TabulatedPolicy | None = None) -> None:
         self._opponents, self._reference = opponents, reference or tables_of(REFERENCE, game)[0]
@@ -167,11 +162,7 @@ def tempered(config: TrainingConfig, game: Game) -> TrainingConfig:
 
 
 def check_device(device: str) -> None:
-    """Check that PyTorch can compute on a device.
-
-    Raises:
-        TrainingError: the device is not available.
-    """
+    """Check that PyTorch can compute on a device. Raises TrainingError: the device is not available."""
     try:
         torch.zeros(1, device=device).item()
     except (RuntimeError, AssertionError, NotImplementedError) as error:
@@ -189,16 +180,14 @@ class Checkpoint:
 
     Attributes:
         iteration, strokes: of the learner at the last checkpoint.
-        best: figure of the best evaluation.
-        stopped: whether the run ended before its last iteration.
         rallies, metrics: numbers of recorded rallies at the last checkpoint, and of evaluations.
     """
 
     iteration: StoredCount = 0
     seconds: float = 0.0
     strokes: StoredCount = 0
-    best: float | None = None
-    stopped: bool = False
+    best: float | None = None  # figure of the best evaluation
+    stopped: bool = False  # whether the run ended before its last iteration
     rallies: StoredCount = 0
     metrics: StoredCount = 0
 
@@ -214,8 +203,7 @@ class _Training(Callback):
     run: runs.Run
     console: Console
     at: Checkpoint = dataclasses.field(default_factory=Checkpoint)
-    evaluation: tuple[TabulatedPolicy, Evaluation] | None = None
-    """The latest evaluation, and its policy; a run ends with an evaluation."""
+    evaluation: tuple[TabulatedPolicy, Evaluation] | None = None  # the latest one, with its policy; a run ends with one
 
     def __post_init__(self) -> None:
         config, game, self.folder = self.config, self.game, self.run.folder
@@ -261,10 +249,7 @@ class _Training(Callback):
         return self.at.stopped or self.learner.iteration >= self.config.iterations
 
     def _iterate(self) -> None:
-        """Iterate to the end of the run.
-
-        Random numbers depend on the segment between two checkpoints alone, so a resumed run repeats them.
-        """
+        """Iterate to the end; random numbers depend on the segment between two checkpoints alone: a resumed run repeats them."""
         learner = self.learner
         try:
             while not self._over:
@@ -446,12 +431,7 @@ def _train(config: TrainingConfig) -> None:
 
 
 def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) -> None:
-    """Start or resume training runs, in processes that end with this one.
-
-    Args:
-        configs: their settings, in the order in which they start.
-        jobs: number of parallel processes; does not change the results.
-    """
+    """Start or resume training runs in this order, in ``jobs`` processes that end with this one; results do not depend on it."""
     done = in_processes(_train, configs, min(jobs, len(configs)))
     for _ in track(done, "training", len(configs), console=console, transient=True):
         pass

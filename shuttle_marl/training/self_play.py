@@ -38,11 +38,7 @@ _TOLERANCE: Final = 1e-4  # error bound of the values of best responses
 
 
 class SelfPlayOpponents:
-    """Opponents and initial states of the variants best-response, restarts and pool; nothing changes in others.
-
-    Args:
-        learner: plays rallies with :func:`n_opponents` opponents.
-    """
+    """Opponents and initial states of the variants best-response, restarts and pool; nothing changes in others."""
 
     def __init__(self, config: TrainingConfig, game: Game, learner: Learner) -> None:
         self._config = config if isinstance(config, PPOConfig) else PPOConfig()
@@ -102,11 +98,7 @@ def n_opponents(config: TrainingConfig) -> int:
 
 
 class ReferencePolicy:
-    """Reference policy of the variants magnet, emagnet and nash.
-
-    Args:
-        network: logits of the learner, :func:`shuttle_marl.training.networks.logit_network`.
-    """
+    """Reference policy of the variants magnet, emagnet and nash; ``network``: logits of the learner."""
 
     def __init__(self, config: PPOConfig, network: nn.Module) -> None:
         self._config, self._current = config, network

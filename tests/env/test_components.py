@@ -15,7 +15,8 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.errors import ActionError
 from shuttle_marl.env.wrappers import component_masks
-from shuttle_marl.game import GameError, default_game
+from shuttle_marl.game import default_game
+from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.rules import IllegalStrokeError
 from tests.exact.exact_games import random_game
 from tests.recovery import small_recovery_game

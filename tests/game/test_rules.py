@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from shuttle_marl.env import rally_v0
-from shuttle_marl.game import Game, UniformPolicy, default_game, load_game, rules, tabulate
+from shuttle_marl.game import Game, default_game, load_game, rules, tabulate
 from shuttle_marl.game.draws import draw, extend, first_server, outcome_draw, stream
 from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.rally import Rallies, stepper_of
 from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER, State
 from shuttle_marl.kernel import Matches, RallyBatch, RallySampler, play_matches, play_rallies, struck

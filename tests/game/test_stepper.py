@@ -6,9 +6,10 @@ import pickle
 import numpy as np
 import pytest
 
-from shuttle_marl.game import Game, UniformPolicy, default_game, tabulate
+from shuttle_marl.game import Game, default_game, tabulate
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
 from shuttle_marl.game.layout import SWAP, observations
+from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.rally import RallyDraws, Stepper, choose, stepper_of
 from shuttle_marl.game.rules import HURRIED_BELOW
 

@@ -1,6 +1,7 @@
 """``record=`` of every environment: one log of all rallies, each with its seed and the reason of its end."""
 
 import gc
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 import torch
 
 from shuttle_marl import RallyEnv, RallyLog, VersusEnv, load_game, match_v0, rally_v0, resolve, tabulate
+from shuttle_marl.commands.recording import main
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.recording import RecordingError, replay
 from shuttle_marl.recording.reader import check
@@ -177,11 +179,26 @@ def test_forks_do_not_record_and_a_rally_that_is_left_is_abandoned(tmp_path: Pat
     assert read_rallies(path).seed.tolist() == [1]
 
 
-def test_a_log_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+def test_information_on_a_log_says_that_each_rally_has_its_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "rallies.mcap"
+    env = rally_v0.env(record=path)
+    play(env, range(7, 9))
+    env.close()
+    capsys.readouterr()
+    assert main(["info", str(path)]) == 0
+    assert re.search("seeds +one for each rally *\n", capsys.readouterr().out)
+
+
+def test_a_log_that_cannot_be_made_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "rallies.mcap"
     env = rally_v0.env(record=path)
     play(env, range(1))
     env.close()
+    assert f"{path}: 1 rally (" in capsys.readouterr().err
+    options: dict[str, Any] = {"record": 4}
+    for make in (rally_v0.env, lambda **options: gymnasium.make_vec(f"{GYM}Rally-v0", num_envs=2, **options)):
+        with pytest.raises(RecordingError, match="record 4: expected the name of a file"):
+            make(**options)
     with pytest.raises(RecordingError, match="exists already"):
         match_v0.env(record=path)
     (tmp_path / "file").touch()

@@ -72,6 +72,17 @@ def test_batches_behind_a_damaged_one_are_saved(log_file: Path, tmp_path: Path) 
         recover(log_file)
 
 
+def test_a_log_without_its_header_needs_a_copy(log_file: Path) -> None:
+    content = log_file.read_bytes()
+    at, says = content.index(b"policies"), r"damaged: .*no rally can be read without its header, restore a copy"
+    for damaged in (content[: at + 3], content[:at] + b"x" + content[at + 1 :]):
+        log_file.write_bytes(damaged)
+        for read in (RallyLog, recover, check):
+            with pytest.raises(DamagedLogError, match=says) as refused:
+                read(log_file)
+            assert "recording recover" not in str(refused.value)
+
+
 def test_files_that_are_no_rally_logs(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
     text, other, folder = tmp_path / "a.txt", tmp_path / "other.mcap", tmp_path / "folder"
     text.write_text("smash " * 100)
@@ -248,7 +259,7 @@ def test_a_full_disk_leaves_whole_batches(tmp_path: Path, limit: int, batch: int
     """A limit on the size of files stands for a disk without room."""
     path = tmp_path / "a.mcap"
     rallies, _, message = fill(path, limit, batch).partition("\n")
-    assert message.startswith(f"{unfinished(path)}: cannot be written (File too large); the {rallies} rallies before it are ")
+    assert message.startswith(f"{unfinished(path)}: cannot be written (File too large); it holds {int(rallies):,} complete rall")
     assert f"recover {unfinished(path)}" in message
     assert list(tmp_path.iterdir()) == [unfinished(path)]
     found = recover(unfinished(path))

@@ -72,7 +72,7 @@ class TestResume:
         content = unfinished(path).read_bytes()
         at = content.index(b"zstd", len(content) // 3)  # the chunk of the second or third batch
         unfinished(path).write_bytes(content[: at + 60] + bytes([content[at + 60] ^ 1]) + content[at + 61 :])
-        with pytest.raises(RecordingError, match="32 rallies were played"):
+        with pytest.raises(RecordingError, match="has played 32 rallies"):
             resume(path, header(), 32)
 
     def test_the_log_of_another_run_is_not_deleted(self, tmp_path: Path, rallies, header) -> None:
@@ -85,7 +85,7 @@ class TestResume:
         with pytest.raises(RecordingError, match="another game, other policies or another seed"):
             resume(path, header(seed=1), 60)
         for count in (100, 61):
-            with pytest.raises(RecordingError, match=f"{count} rallies were played"):
+            with pytest.raises(RecordingError, match=f"has played {count} rallies"):
                 resume(path, header(), count)
         assert list(tmp_path.glob("cut*.part.old")), "what was played is still there"
         with pytest.raises(RecordingError, match="is missing"):

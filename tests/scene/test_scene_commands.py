@@ -29,7 +29,7 @@ from tests.scene.conftest import read
 def test_a_rally_is_written_to_a_file(log_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "deep" / "scene.mcap"
     assert main(["scene", str(log_path), "--rally", "1", "--out", str(out)]) == 0
-    assert f"{out}: 1 rallies" in capsys.readouterr().out
+    assert f"{out}: 1 rally, " in capsys.readouterr().out
     summary = make_reader(io.BytesIO(out.read_bytes())).get_summary()
     assert summary.statistics.message_count > 0
     assert [path.name for path in out.parent.iterdir()] == [out.name]

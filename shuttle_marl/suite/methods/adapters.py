@@ -158,12 +158,7 @@ def respond(opponent: StatePolicy, p: float) -> TabulatedPolicy:
 
 
 def mean_of(types: Sequence[TabulatedPolicy], weight: F64, *, least: float = 0.0) -> PairPolicy:
-    """The mean of types, choice by choice, as they strike at effort 0.
-
-    Args:
-        weight: ``[K]`` of the types.
-        least: weight of a type from which on its positions count.
-    """
+    """The mean of types by ``[K]`` weights, choice by choice, at effort 0; ``least``: weight from which positions count."""
     kept = np.where(weight > least, weight, 0)
     parts = [share * policy.position_probabilities() for policy, share in zip(types, kept / kept.sum(), strict=True) if share]
     return PairPolicy(game=types[0].game, probability=weight @ chances(tuple(types)), positions=np.sum(parts, axis=0))
@@ -233,12 +228,7 @@ def chances(types: tuple[TabulatedPolicy, ...]) -> F32:
 
 
 def mixture_weights(likelihood: Floats, prior: F64, sweeps: int = _SWEEPS) -> tuple[F64, float]:
-    """``[K]`` maximum a posteriori weights of a mixture, and their log-posterior without its constant.
-
-    Args:
-        likelihood: ``[K, M]`` probability of each observation under each component.
-        prior: ``[K]`` pseudo-observations of each component.
-    """
+    """``[K]`` MAP weights from ``[K, M]`` likelihoods and ``[K]`` pseudo-observations, and their log-posterior but a constant."""
     likelihood, weight = np.maximum(likelihood, _LIKELIHOOD), prior / prior.sum()
     for _ in range(sweeps):
         weight = weight * (likelihood @ (1 / (weight @ likelihood))) + prior

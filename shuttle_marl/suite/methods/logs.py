@@ -102,12 +102,7 @@ class ModelPessimistic(_Method):
 
 
 def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) -> TabulatedPolicy:
-    """The best response to the cloned opponent in an estimated game, as a table of the rules.
-
-    Args:
-        shrink: pseudo-observations of the coarser cell in the model of the opponent.
-        penalty: ``[base pairs]`` by which the probability of the player's faults is raised.
-    """
+    """Best response to the cloned opponent in an estimated game; ``penalty``: ``[base pairs]`` added to the player's faults."""
     opponent = PairPolicy(game=game, probability=tabular.cloned(log.game, log.pair[~log.own], shrink=shrink))
     own = game if penalty is None else tabular.with_faults(game, penalty)
     return TabulatedPolicy(game=log.game, cumulative=best_response(opponent, game=own, tolerance=_TOLERANCE).policy.cumulative)
@@ -139,11 +134,7 @@ class Shipped(_Method):
 def boosted(
     game: Game, pair: Ints, target: Floats | Ints, trees: int, seed: int, columns: Sequence[int] = (), **objective: Any
 ) -> F64:
-    """``[base pairs]`` or ``[base pairs, classes]`` predictions of boosted trees for the targets ``[M]`` of strokes.
-
-    Args:
-        columns: of :func:`described_pairs`; default: all.
-    """
+    """``[base pairs]`` or ``[base pairs, classes]`` predictions of ``[M]`` targets, by columns of :func:`described_pairs`."""
     import lightgbm  # noqa: PLC0415  an extra
 
     described = described_pairs(game)[:, list(columns) or slice(None)]
@@ -290,12 +281,7 @@ def q_and_v(data: Transitions, policy: TabulatedPolicy, *, shrink: float = tabul
 
 
 def doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
-    """``[R]`` doubly robust estimate of each rally with an own stroke.
-
-    Args:
-        rho: ``[M]`` ratios.
-        q, v: ``[M]`` estimated values of the stroke played and of its state.
-    """
+    """``[R]`` doubly robust estimate of each rally, by ``[M]`` ratios, and values ``q`` of the stroke and ``v`` of its state."""
     rho = np.minimum(rho, _LARGEST)
     length = np.diff(np.append(np.flatnonzero(data.first), len(data)))
     start, value = np.flatnonzero(data.first), np.zeros(len(length))

@@ -56,10 +56,7 @@ def restricted_bc(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Traine
 
 
 def constant(setting: PlayerSetting, *parts: str) -> Trained:
-    """The best order of preference of the strokes for all states, or for each value of some parts of the state.
-
-    It shows how little of the state an opponent's weaknesses need (:mod:`shuttle_marl.exact.play`).
-    """
+    """The best order of preference of strokes, or one by some parts of the state: how little an opponent's weaknesses need."""
     *_, best = [setting.against, *lists(setting.against, cells_of(setting.game, *parts))]
     return Trained(player=best, strokes=0)
 
@@ -97,10 +94,7 @@ class Boosting:
 
 
 def model_boosted(setting: PlayerSetting, argument: str = "") -> Trained:
-    """A model from play, and the restricted response in it, or without an opponent its solution.
-
-    The argument is the restriction; all else was tuned on dev.
-    """
+    """A model from play, and the restricted response in it (the argument is p), or without an opponent its solution."""
     tuned = next((found for most, found in BOOSTING.items() if setting.budget <= most), [*BOOSTING.values()][-1])
     estimate, used = estimated(setting, tuned)
     return Trained(player=in_game(planned(setting, estimate, float(argument or tuned.p)), setting.game), strokes=used)
@@ -140,18 +134,15 @@ def estimated(setting: PlayerSetting, options: Boosting) -> tuple[PairPolicy, in
     return estimate, used
 
 
-BOOSTING: Final = {
+BOOSTING: Final = {  # settings of `model-boosted` for budgets up to these, from the search on dev
     100_000: Boosting(trees=150, leaves=8),
     1_000_000: Boosting(),
     10_000_000: Boosting(trees=250, leaves=31, most=1_000_000),
 }
-"""Settings of ``model-boosted`` for budgets up to these, from the search on dev."""
-TUNED: Final[dict[int, dict[str, Any]]] = {
-    100_000: {"own": 0.25, "batch": 2048, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
-    1_000_000: {"own": 0.25, "batch": 4096, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
-    10_000_000: {"own": 0.25, "batch": 16_384, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3},
+TUNED: Final[dict[int, dict[str, Any]]] = {  # the same of `ppo-restricted`
+    budget: {"own": 0.25, "batch": batch, "growth": 0.0, "epochs": 4, "minibatches": 4, "learning_rate": 3e-3}
+    for budget, batch in ((100_000, 2048), (1_000_000, 4096), (10_000_000, 16_384))
 }
-"""The same of ``ppo-restricted``."""
 _LONGER: Final = 1.6  # strokes of the first iteration over its batch, at most
 _MORE: Final = 1.15  # margin of the strokes of an iteration over those of earlier ones
 _LEAST: Final = 256  # strokes of the smallest batch

@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from typing import Annotated, ClassVar, Final, Literal, get_args
+from typing import Annotated, Final, Literal, get_args
 
 import msgspec
 
@@ -28,7 +28,7 @@ class LeagueTrainingError(TrainingError):
 class LeagueTrainingConfig(RunConfig):
     """Settings of league training, see ``docs/league_training.md``."""
 
-    error: ClassVar[type[TrainingError]] = LeagueTrainingError
+    error = LeagueTrainingError
 
     variant: Variant = "prioritised"
     """Opponents of the main agents: themselves (plain), also earlier policies (fictitious, prioritised), or psro."""

@@ -26,26 +26,16 @@ _POLICIES: Final = 256  # kept at most; each takes some megabytes
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Frozen:
-    """A frozen policy.
+    """A frozen policy."""
 
-    Attributes:
-        name: name, such as ``bc``, ``main-agent-0@3`` (the first main agent after round 3) or ``best-response:main-agent-0@3``.
-        role: ``given``, ``main``, ``main-exploiter``, ``league-exploiter``, ``best-response`` or ``oracle``.
-        round: round after which it joined; 0 for initial policies.
-    """
-
-    name: str
-    role: str
-    round: StoredCount
+    name: str  # name, such as `bc`, `main-agent-0@3` (the first main agent after round 3) or `best-response:main-agent-0@3`
+    role: str  # `given`, `main`, `main-exploiter`, `league-exploiter`, `best-response` or `oracle`
+    round: StoredCount  # round after which it joined; 0 for initial policies
     hash: Sha256
 
 
 class Payoffs:
-    """Odds of pairs of policies, each solved once, when it is first needed.
-
-    Args:
-        cells: solved pairs, from :meth:`as_json`.
-    """
+    """Odds of pairs of policies, each solved once, when it is first needed; ``cells``: solved pairs, from :meth:`as_json`."""
 
     def __init__(self, tables: StoredPolicies, cells: Mapping[str, Sequence[float]] = {}) -> None:
         self._cells: dict[tuple[str, str], tuple[float, float]] = {}
@@ -53,8 +43,7 @@ class Payoffs:
             a, _, b = pair.partition(" ")
             self._cells[a, b] = (float(first), float(second))
         self._policy = functools.lru_cache(_POLICIES)(tables.read)
-        self.solved = 0
-        """Number of solved pairs, without those in ``cells``."""
+        self.solved = 0  # number of solved pairs, without those in `cells`
 
     def as_json(self, retained: Collection[str]) -> dict[str, tuple[float, float]]:
         """Solved pairs of the given hashes: by two hashes, the probability that each wins a rally that it serves."""
@@ -104,21 +93,17 @@ class Turn:
     """Settings of one turn of a learner.
 
     Attributes:
-        member: name of the learner, such as ``main-agent-0``.
-        round: number of the round, counted from 1.
         fractions: fraction of its rallies against each opponent; the rest, without ``response_fraction``, is self-play.
-        response_fraction: fraction of its rallies against the exact best response to it.
-        strokes: minimum number of its strokes.
         remaining: fraction of the learner's schedule that remains at the start and at the end of the turn.
     """
 
-    member: str
-    round: int
+    member: str  # name of the learner, such as `main-agent-0`
+    round: int  # number of the round, counted from 1
     fresh: bool = True
     opponents: tuple[str, ...] = ()
     fractions: tuple[float, ...] = ()
-    response_fraction: float = 0.0
-    strokes: int
+    response_fraction: float = 0.0  # fraction of its rallies against the exact best response to it
+    strokes: int  # minimum number of its strokes
     remaining: tuple[float, float] = (1.0, 1.0)
     seed: int = 0
 
@@ -137,28 +122,22 @@ class Member:
     """A learner.
 
     Attributes:
-        turns: number of turns with its current weights.
         hash: hash of its current table; empty before its first turn with new weights.
     """
 
-    turns: StoredCount = 0
+    turns: StoredCount = 0  # number of turns with its current weights
     strokes: StoredCount = 0
     hash: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{64})?$")] = ""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Best:
-    """The least exploitable main agent so far.
+    """The least exploitable main agent so far."""
 
-    Attributes:
-        name: name of the policy, such as ``main-agent-0@3``.
-        temperature: softmax temperature of its network; 1 for a mixture.
-    """
-
-    name: str
+    name: str  # name of the policy, such as `main-agent-0@3`
     hash: Sha256
     exploitability: float
-    temperature: float
+    temperature: float  # softmax temperature of its network; 1 for a mixture
 
 
 @dataclasses.dataclass(kw_only=True)
@@ -166,17 +145,15 @@ class LeagueState:
     """State between two rounds.
 
     Attributes:
-        population: frozen policies, in the order in which they joined.
         cells: solved payoffs, see :class:`Payoffs`.
-        best: least exploitable main agent; None before the first round.
         exhausted: whether the last best response of psro was in the population already, so that nothing changes any more.
     """
 
     round: StoredCount = 0
-    population: list[Frozen] = dataclasses.field(default_factory=list)
+    population: list[Frozen] = dataclasses.field(default_factory=list)  # frozen policies, in the order in which they joined
     members: dict[str, Member] = dataclasses.field(default_factory=dict)
     cells: dict[str, tuple[FractionOrZero, FractionOrZero]] = dataclasses.field(default_factory=dict)
-    best: Best | None = None
+    best: Best | None = None  # least exploitable main agent; None before the first round
     exhausted: bool = False
     seconds: float = 0.0
     metrics: StoredCount = 0
@@ -187,11 +164,7 @@ class LeagueState:
 
     @classmethod
     def load(cls, folder: Path) -> "LeagueState":
-        """The state in a folder; without a population if there is none.
-
-        Raises:
-            LeagueTrainingError: the file is damaged.
-        """
+        """The state in a folder; without a population if there is none. Raises LeagueTrainingError: the file is damaged."""
         path = folder / LEAGUE
         if not path.exists():
             return cls()

@@ -30,21 +30,16 @@ from shuttle_marl.training.run import AGENT, PACKAGES, game_of
 MAIN: Final = "main.safetensors"
 _EVALUATION: Final = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
 _ENOUGH: Final = 0.5  # a main exploiter succeeds if it reaches this fraction of the gain of the exact best response
-_BEATEN: Final = 0.7
-"""A league exploiter succeeds if its mean probability of winning a match reaches this (Vinyals et al., Nature 2019)."""
+_BEATEN: Final = 0.7  # a league exploiter succeeds at this mean probability of winning a match (Vinyals et al., Nature 2019)
 _SHARPER: Final = 0.1  # second softmax temperature at which a main agent is evaluated, to remove the effect of the entropy bonus
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LeagueTraining:
-    """A finished league.
-
-    Attributes:
-        figures: content of ``results.json``.
-    """
+    """A finished league."""
 
     folder: Path
-    figures: dict[str, Any]
+    figures: dict[str, Any]  # content of `results.json`
     policy: TabulatedPolicy
 
 
@@ -193,11 +188,7 @@ class _League:
         return True
 
     def _measure(self, name: str, forms: list[tuple[TabulatedPolicy, exact.Response, float]]) -> None:
-        """Evaluate a main agent in its least exploitable form.
-
-        Args:
-            forms: the policy at temperature 1 and others, each with its best response and its temperature.
-        """
+        """Evaluate a main agent in its least exploitable form, of policies with best response and temperature, the first at 1."""
         state = self.state
         gains = [max(0.0, answer.value.odds().value) for _, answer, _ in forms]
         policy, _, temperature = forms[int(np.argmin(gains))]

@@ -23,8 +23,7 @@ from shuttle_marl.training.league.population import LeagueState, Member, Payoffs
 _DRAW_OPPONENTS: Final = 1 << 16
 FLOOR: Final = 0.02  # fraction of the weight that is distributed uniformly, so that every opponent is played
 _HARD: Final = 2.0  # exponent: an opponent that is beaten with probability p has the weight (1 - p)^2
-_MIN_PROBABILITY: Final = 1e-3
-"""Smaller probabilities are removed from a meta-strategy: their policies cost time and change little."""
+_MIN_PROBABILITY: Final = 1e-3  # smaller ones are removed from a meta-strategy: their policies cost time and change little
 _SOLVERS: Final[dict[MetaSolver, Callable[[F64], F64]]] = {
     "nash": lambda values: nash(values).row,
     "linear": lambda values: np.arange(1.0, len(values) + 1),
@@ -37,11 +36,7 @@ def uniform(count: int) -> F64:
 
 
 def prioritised(win: npt.ArrayLike) -> F64:
-    """``[K]`` probabilities of opponents in prioritised fictitious self-play (Vinyals et al., Nature 2019); all are positive.
-
-    Args:
-        win: ``[K]`` probabilities that the learner beats each opponent; NaN (unknown) counts as 1/2.
-    """
+    """``[K]`` positive probabilities of opponents (Vinyals et al. 2019) by the ``[K]`` chances to beat them; NaN: 1/2."""
     p = np.asarray(win, dtype=np.float64)
     p = np.clip(np.where(np.isnan(p), 0.5, p), 0.0, 1.0)
     if not len(p):
@@ -73,12 +68,7 @@ def chosen(weight: Floats, most: int, rng: np.random.Generator) -> tuple[I64, F6
 
 
 def order(fractions: Sequence[float], length: int = 200) -> I64:
-    """``[length]`` indices of opponents, evenly spread; -1 is the learner itself.
-
-    Args:
-        fractions: fraction of the rallies against each opponent; the rest is self-play.
-        length: period of the order.
-    """
+    """``[length]`` indices of opponents, evenly spread; -1: the learner itself, for what remains of the fractions."""
     full = np.r_[max(0.0, 1 - float(np.sum(fractions))), np.asarray(fractions, dtype=np.float64)]
     full /= full.sum()
     owed = np.zeros(len(full))
@@ -91,22 +81,14 @@ def order(fractions: Sequence[float], length: int = 200) -> I64:
 
 
 def meta_strategy(solver: MetaSolver, values: npt.ArrayLike) -> F64:
-    """``[N]`` probabilities of the policies of a population.
-
-    Args:
-        values: ``[N, N]`` value of the row against the column, antisymmetric.
-    """
+    """``[N]`` probabilities of a population; ``values``: ``[N, N]`` of the row against the column, antisymmetric."""
     strategy = _SOLVERS[solver](np.asarray(values, dtype=np.float64))
     strategy = np.where(strategy >= min(_MIN_PROBABILITY, float(strategy.max())), strategy, 0.0)
     return np.asarray(strategy / strategy.sum())
 
 
 class Schedule:
-    """Schedules the turns of every round.
-
-    Args:
-        payoffs: payoffs of its policies; missing pairs are solved.
-    """
+    """Schedules the turns of every round; ``payoffs``: payoffs of its policies; missing pairs are solved."""
 
     def __init__(self, config: LeagueTrainingConfig, state: LeagueState, payoffs: Payoffs) -> None:
         self.config, self.state, self.payoffs = config, state, payoffs

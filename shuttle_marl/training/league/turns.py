@@ -190,11 +190,7 @@ def _first_stroke(game: Game) -> TabulatedPolicy:
 
 
 class Workers:
-    """Processes or a cluster that take turns in parallel; the results do not depend on them.
-
-    Args:
-        count: number of processes; 1: turns are taken in this process.
-    """
+    """Processes (1: this one), or a cluster, that take turns in parallel; the results do not depend on them."""
 
     def __init__(self, count: int, game: Game, cluster: Cluster | None = None) -> None:
         self._count, self._cluster = count, cluster
@@ -209,12 +205,7 @@ class Workers:
             self._pool.__exit__(kind)
 
     def take(self, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
-        """Take turns; if a worker dies, its incomplete turns are repeated.
-
-        Raises:
-            LeagueTrainingError: workers died repeatedly.
-            ClusterError: the cluster lost turns repeatedly.
-        """
+        """Take turns; those of a worker that dies are repeated. Raises LeagueTrainingError, ClusterError: lost repeatedly."""
         if self._cluster is not None:
             return self._take_on(self._cluster, folder, config, turns)
         if self._count == 1 or len(turns) == 1:
@@ -263,11 +254,7 @@ def _result(future: Future[T]) -> T:
 
 
 def take_remotely(config: LeagueTrainingConfig, turn: Turn, game: Game, files: dict[Path, bytes]) -> dict[Path, bytes]:
-    """Take a turn on a machine without the folder of the run; returns what it writes there, the description last.
-
-    Args:
-        files: what it reads, by their paths in the folder of the run.
-    """
+    """Take a turn without the run folder; ``files``: what it reads, by paths in it; returns what it writes, description last."""
     with tempfile.TemporaryDirectory(prefix="shuttle-marl-") as name:
         folder = Path(name)
         for path, content in files.items():
