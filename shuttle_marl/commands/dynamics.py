@@ -44,7 +44,6 @@ def fit(
     seed: int = 0,
     refits: int | None = None,
     validation_share: float | None = None,
-    prior: str | None = None,
     hand: HandsTold = (),
     jobs: int | None = None,
     overwrite: bool = False,
@@ -56,9 +55,8 @@ def fit(
         out: model folder to write.
         seed: random seed; equal seeds give equal weights.
         refits: number of refits on resampled matches, which show the uncertainty of the fit, as variants OUT:1, OUT:2, …;
-            default: 8, or 0 for fewer than 6 training matches. With --prior its refits are corrected too, without more fits.
+            default: 8, or 0 for fewer than 6 training matches.
         validation_share: fraction of your own matches for validation, such as 0.2; the published matches have a fixed split.
-        prior: model to correct instead of a full fit, such as default; for few matches.
         hand: hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
         jobs: number of refits at once; default: one for each core, at most 4.
         overwrite: replace an existing model.
@@ -70,9 +68,7 @@ def fit(
     if jobs < 1:
         raise ShuttleError(f"--jobs {jobs}: expected 1 or more")
     with hands_told(hand):
-        card = fit_model(
-            data, out, seed=seed, refits=refits, validation_share=validation_share, prior=prior, jobs=jobs, report=_report
-        )
+        card = fit_model(data, out, seed=seed, refits=refits, validation_share=validation_share, jobs=jobs, report=_report)
     warnings = card["health"]["warnings"]
     variants = f", variants {', '.join(card['variants'])}" if card["variants"] else ""
     game = card["game"]

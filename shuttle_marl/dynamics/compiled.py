@@ -471,5 +471,5 @@ def layouts_of(rows: Rows, models: FittedModels) -> tuple[Game, Game]:
     except GameError as error:
         raise ShuttleError(
             f"these strokes make no game ({error}): every stroke of a game occurs at least {MIN_STROKES} times in the data; "
-            "add matches, or use --prior default, which takes the strokes of the shipped model"
+            "add matches"
         ) from error

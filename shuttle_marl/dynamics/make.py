@@ -1,4 +1,4 @@
-"""Model folders: splits of the matches, fit or correction of a prior model, refits, files, and scores."""
+"""Model folders: splits of the matches, fit, refits, files, and scores."""
 
 import contextlib
 import functools
@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl import __version__
-from shuttle_marl.base.arrays import F32, F64, I16
+from shuttle_marl.base.arrays import F32, I16
 from shuttle_marl.base.cluster import WorkerPool, check_processes
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import content_hash, replace_file
@@ -28,12 +28,12 @@ from shuttle_marl.dynamics.choices import fit_history
 from shuttle_marl.dynamics.compiled import THREADS, pair_log_choices, save_support
 from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, health, play_of_people, variety_of, write_card
 from shuttle_marl.dynamics.features import Hurry, Rows, load_hurry, marked_rows, rows_from_strokes
-from shuttle_marl.dynamics.fit import Fit, Report, fit, fit_from, refits_from
+from shuttle_marl.dynamics.fit import Fit, Report, fit
 from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
 from shuttle_marl.dynamics.models import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.recovery import save_recovery
-from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
+from shuttle_marl.dynamics.skill import FittedSkill, check, fit_skill, summary
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game import shipped
 from shuttle_marl.game.court import N_AREAS
@@ -42,8 +42,7 @@ from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
 
 MIN_MATCHES_FOR_REFITS: Final = 6  # training matches of refits: most resamples of fewer contain only half of them
-MIN_STROKES: Final = 1000  # training strokes of a fit without prior: some nine for each shot type and area
-MIN_STROKES_WITH_PRIOR: Final = 300  # training strokes of a fit with prior: some twenty faults
+MIN_STROKES: Final = 1000  # training strokes: some nine for each shot type and area
 MIN_MATCHES: Final = 2  # training matches: members of an ensemble leave one out
 
 
@@ -78,25 +77,19 @@ def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
     return train, validation
 
 
-def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
-    """Refuse too little data; ``prior``: whether the fit corrects a model. Raises ShuttleError: too few matches or strokes; with
-    the required number and the reason."""
-    matches, needed = len(np.unique(train.match)), 1 if prior else MIN_MATCHES
-    if matches < needed or not len(validation):
+def require_enough(train: Rows, validation: Rows) -> None:
+    """Refuse too little data. Raises ShuttleError: too few matches or strokes; with the required number and the reason."""
+    matches = len(np.unique(train.match))
+    if matches < MIN_MATCHES or not len(validation):
         raise ShuttleError(
-            f"number of matches: {matches + len(np.unique(validation.match))}; a model needs {needed + 1} or more, one of them "
-            f"to check the fit{'' if prior else ' and one that parts of the models leave out'}; reports need one, and no model"
+            f"number of matches: {matches + len(np.unique(validation.match))}; a model needs {MIN_MATCHES + 1} or more, one of "
+            "them to check the fit and one that parts of the models leave out; reports need one, and no model"
         )
-    least = MIN_STROKES_WITH_PRIOR if prior else MIN_STROKES
-    if len(train) < least:
-        kinds = N_SHOTS * N_AREAS
-        reason = (
-            "fewer contain less than twenty faults to correct the model by"
-            if prior
-            else f"fewer are less than nine for each of the {kinds} kinds of stroke (shot type and area), too few to "
-            f"estimate rates; --prior default needs {MIN_STROKES_WITH_PRIOR}, because it corrects the shipped models instead"
+    if len(train) < MIN_STROKES:
+        raise ShuttleError(
+            f"{len(train)} strokes in {matches} train matches, at least {MIN_STROKES} needed: fewer are less than nine for each "
+            f"of the {N_SHOTS * N_AREAS} kinds of stroke (shot type and area), too few to estimate rates; reports need no model"
         )
-        raise ShuttleError(f"{len(train)} strokes in {matches} train matches, at least {least} needed: {reason}")
 
 
 def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
@@ -120,7 +113,6 @@ def fit_model(
     seed: int = 0,
     refits: int | None = None,
     validation_share: float | None = None,
-    prior: str | None = None,
     config: EnsembleConfig | None = None,
     jobs: int = 1,
     report: Report = lambda _: None,
@@ -129,10 +121,8 @@ def fit_model(
 
     Args:
         data: folder of the download, or a Parquet file.
-        refits: number of fits on resampled matches, whose games become variants; None: the default number, 0 for few matches
-            and with a prior.
+        refits: number of fits on resampled matches, whose games become variants; None: the default number, 0 for few matches.
         validation_share: fraction of the unpublished matches for validation; None: all matches are published ones.
-        prior: name or folder of a model to correct; None: fit without prior.
         config: settings of the networks; None: the default, and quick refits.
         jobs: number of refits at once, one process each; it does not change the result.
         report: called with a line before each stage.
@@ -152,34 +142,25 @@ def fit_model(
         raise ShuttleError(f"{data}: {twice[0]} The fit would count its strokes twice, and check itself with them; remove one")
     rows = rows_from_strokes(strokes)
     train, validation = train_and_validation(rows, validation_share)
-    require_enough(train, validation, prior=prior is not None)
-    model = None if prior is None else shipped.model_folder(prior)
-    start, about = (None, {}) if model is None else (shipped.load_game(str(model)), shipped.read_model_card(model))
+    require_enough(train, validation)
     report("hurried strikers")
-    hurry = fit_hurry(train, seed=seed) if model is None else load_hurry(model)
+    hurry = fit_hurry(train, seed=seed)
     if hurry is not None:
         train, validation = hurry.marked(train), hurry.marked(validation)
-    refits = _checked_refits(refits, len(np.unique(train.match)), start)
+    refits = _checked_refits(refits, len(np.unique(train.match)))
     sources = dict(zip(strokes["match"].to_pylist(), strokes["source"].to_pylist(), strict=True))
-    if model is None:
-        fitted = fit(train, validation, seed=seed, config=config, report=report)
-    else:
-        fitted = fit_from(model, train, validation, report=report)
-    game, variants, skill, clipped, solved = save_fit(out, fitted, sources, deviations_in(about), report=report)
+    fitted = fit(train, validation, seed=seed, config=config, report=report)
+    game, variants, skill, clipped, solved = save_fit(out, fitted, sources, report=report)
     fitted_on = pa.array([train.matches[i] for i in np.unique(train.match).tolist()])
-    if model is None:
-        if hurry is None:
-            (out / shipped.HURRY).unlink(missing_ok=True)  # of a replaced model
-        else:
-            hurry.save(out / shipped.HURRY)
-        report("positions of receivers")
-        recovery = save_recovery(out, train, fitted.predicted)
-        report("choices by the rally so far")
-        shifts, history = fit_history(fitted.models.choosers, train, validation, (config or EnsembleConfig()).folds)
-        replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))
+    if hurry is None:
+        (out / shipped.HURRY).unlink(missing_ok=True)  # of a replaced model
     else:
-        take_over(out, model, shipped.HURRY, shipped.POSITIONS, shipped.HISTORY)
-        recovery, history = about.get("recovery"), {}
+        hurry.save(out / shipped.HURRY)
+    report("positions of receivers")
+    recovery = save_recovery(out, train, fitted.predicted)
+    report("choices by the rally so far")
+    shifts, history = fit_history(fitted.models.choosers, train, validation, (config or EnsembleConfig()).folds)
+    replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))
     save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), skill.skill.players)
     card = {
         "name": out.name,
@@ -203,7 +184,7 @@ def fit_model(
             "clipped": clipped,
             "share": dict(zip(shipped.PROFILES, fitted.models.share.tolist(), strict=True)),
         },
-        "hurried": _hurried(train, hurry, prior),
+        "hurried": _hurried(train, hurry),
         "recovery": recovery,
         "people": play_of_people(Rows.joined([train, validation])),
         "players": list(fitted.models.choices.players),
@@ -213,10 +194,8 @@ def fit_model(
         "validation": evaluate(fitted.models, train, validation, report=report),
         "health": solved,
     }
-    if start is not None:
-        variants |= refits_from(start, game, fitted.chosen["prior"]["deviations"], seed, refits)
     save_variants(out, game, variants, card)
-    if refits and model is None:
+    if refits:
         task = functools.partial(_refit, train=train, layout=game, seed=seed, config=config or QUICK)
         with contextlib.nullcontext() if jobs == 1 else WorkerPool(min(jobs, refits)) as pool:
             apply = map if pool is None else pool.map
@@ -238,10 +217,10 @@ def _refit(number: int, *, train: Rows, layout: Game, seed: int, config: Ensembl
     return fit(rows, None, seed=seed + 1000 * number, config=config, layout=layout, report=lambda _: None).compiled()[0]
 
 
-def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, Any]:
+def _hurried(train: Rows, hurry: Hurry | None) -> dict[str, Any]:
     rally = train.stroke > 1
     known = train.hurried[rally] >= 0
-    by = None if not known.any() else "table" if hurry is None else "index" if prior is None else "prior"
+    by = None if not known.any() else "table" if hurry is None else "index"
     return {
         "share": float((train.hurried == 1).mean()),
         "known": float(known.mean()),
@@ -251,13 +230,12 @@ def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, A
 
 
 def save_fit(
-    out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 | None, *, report: Report, check: bool = True
+    out: Path, fitted: Fit, sources: Mapping[str, str], *, report: Report, check: bool = True
 ) -> tuple[Game, dict[str, Game], FittedSkill, float, dict[str, Any]]:
     """Compile a fit, fit the skill of its players, and write all files of a model folder but the variants and the card.
 
     Args:
         sources: data set of each match by name.
-        skill_sd: standard deviations of the skill in a prior model; None: estimate them.
         check: refuse a game whose best play consists of strokes that nobody plays.
 
     Returns:
@@ -278,7 +256,7 @@ def save_fit(
     if check and (failed := [text for text, within in criteria(solved, required).values() if not within]):
         raise ShuttleError(
             f"the game of these strokes rewards what people do not play ({'; '.join(failed)}), so its best play would be no "
-            "badminton; nothing was written. Add matches, or use --prior default, which corrects the shipped models instead"
+            "badminton; nothing was written. Add matches"
         )
     report("compiling the games of men's and women's singles, and of players with different hands")
     # With a single discipline, the game is that of this discipline.
@@ -289,7 +267,7 @@ def save_fit(
     between = fitted.between_hands
     opposite = between.compiled()[0]
     report("skill of players")
-    skill = fit_skill(fitted.predicted, sources, skill_sd)
+    skill = fit_skill(fitted.predicted, sources)
     fitted.models.save(out)
     save_support(out, fitted.support, between.support)
     game.save(out / shipped.GAME)
@@ -299,13 +277,8 @@ def save_fit(
     return game, variants, skill, float(probabilities.clipped.mean()), solved
 
 
-def _checked_refits(refits: int | None, matches: int, prior: Game | None) -> int:
-    """Number of refits; refused where there are too few matches for them, or more than the prior has."""
-    if prior is not None:
-        known = len(shipped.refits_of(prior))
-        if refits is not None and refits > known:
-            raise ShuttleError(f"--refits {refits}: the model of --prior has {known}, which are corrected too")
-        return known if refits is None else refits
+def _checked_refits(refits: int | None, matches: int) -> int:
+    """Number of refits; refused where there are too few matches for them."""
     if refits is None:
         return shipped.REFITS if matches >= MIN_MATCHES_FOR_REFITS else 0
     if refits and matches < MIN_MATCHES_FOR_REFITS:
@@ -314,17 +287,6 @@ def _checked_refits(refits: int | None, matches: int, prior: Game | None) -> int
             "contains hardly more than half of them; use --refits 0"
         )
     return refits
-
-
-def take_over(folder: Path, model: Path, *names: str) -> None:
-    """Copy what a few matches do not tell from a prior model, as far as it has it. Raises GameError: a file is damaged."""
-    for name in names:
-        if (model / name).is_file():
-            with shipped.readable(model, name, "table"):
-                content = (model / name).read_bytes()
-            replace_file(folder / name, content)
-        else:
-            (folder / name).unlink(missing_ok=True)  # of a replaced model
 
 
 def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles: Mapping[str, F32], opposite: F32) -> None:

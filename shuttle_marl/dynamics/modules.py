@@ -9,7 +9,6 @@ double precision. The tables of a game are compiled from these modules and nothi
 (:func:`shuttle_marl.dynamics.compiled.pair_probabilities`).
 """
 
-import copy
 import dataclasses
 import functools
 import itertools
@@ -289,12 +288,6 @@ class _Calibrated(nn.Module):
     def calibrated(self, members: Tensor) -> Tensor:
         """``[N]`` calibrated log-odds of the mean of the members' probabilities ``[K, N]``."""
         return self.line[0] * torch.logit(members.mean(dim=0), eps=1e-9) + self.line[1]
-
-    def shifted(self, shift: float) -> Self:
-        """The module with other log-odds of its event: a fault in :class:`MSucc`."""
-        moved = copy.copy(self)
-        moved._buffers = {**self._buffers, "line": self.line + torch.tensor([0.0, shift], dtype=self.line.dtype)}
-        return moved
 
 
 class MSucc(_Calibrated):

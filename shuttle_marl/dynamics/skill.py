@@ -3,7 +3,7 @@
 ``docs/pairs.md`` describes the model. A positive offset means more faults (``success``, of strokes of known outcome), that a good
 stroke is returned more often (``return``), or that a returned one is met above the net more often (``contact``). General offsets
 follow a random walk over the dates of the player's matches (Ingram, J. Quant. Anal. Sports 2019, for tennis). The variances are
-those of maximum marginal likelihood, or those of a prior model; the change in a year is given (:data:`YEAR`).
+those of maximum marginal likelihood; the change in a year is given (:data:`YEAR`).
 """
 
 import dataclasses
@@ -235,8 +235,7 @@ def shifts(skill: Skill, component: str, rows: Rows) -> F64:
 
 def fit_skill(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64 | None = None) -> FittedSkill:
     """Fit the offsets of all players; ``predicted``: strokes by component, all from one table of matches; ``sources``: data set
-    of each match by name; ``sd``: ``[3, 9]`` standard deviations of the components, such as those of a prior model (None:
-    estimate them)."""
+    of each match by name; ``sd``: ``[3, 9]`` standard deviations of the components (None: estimate them)."""
     design = _Design.of(predicted, sources)
     # Another order of summation would give other offsets.
     with threadpool_limits(1):
@@ -333,12 +332,6 @@ def summary(fitted: FittedSkill, checked: dict[str, dict[str, float]]) -> dict[s
         "deviations": {name: dict(zip(VARIANCES, row, strict=True)) for name, row in rows},
         "check": checked,
     }
-
-
-def deviations_in(card: Mapping[str, Any]) -> F64 | None:
-    """``[3, 9]`` standard deviations in the card of a model; None if it has no offsets of players."""
-    found = card.get("skill")
-    return None if found is None else np.array([[found["deviations"][c][name] for name in VARIANCES] for c in COMPONENTS])
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
