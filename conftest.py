@@ -114,7 +114,7 @@ class _Page(pytest.File):
         if any(True for _ in document.examples()):
             item = _PageCode.from_parent(self, name="code", document=document)
             if any(self.path.is_relative_to(self.config.rootpath / slow) for slow in SLOW_PAGES):
-                item.add_marker(pytest.mark.slow)
+                item.add_marker(pytest.mark.slow(minutes=True))
             yield item
 
 

@@ -12,7 +12,7 @@ import pytest
 from docs.tools.markdown import ROOT
 from tests import needs
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.slow(minutes=True)
 
 # PyTorch and TorchRL are not typed throughout.
 STRICT = "[mypy]\nstrict = True\nuntyped_calls_exclude = torch\n[mypy-torchrl.*]\nignore_missing_imports = True\n"

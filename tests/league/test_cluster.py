@@ -117,7 +117,7 @@ class Half:
         self._thread.join()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(minutes=True)
 @needs_ray
 def test_training_on_two_nodes_of_which_one_dies(nodes: tuple[str, Callable[[], None]], tmp_path: Path) -> None:
     address, kill = nodes
