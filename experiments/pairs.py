@@ -85,7 +85,7 @@ def _fitted(seen: Strokes, sources: Mapping[str, str], cache: Path, seed: int) -
         choices, _ = player_choices(fitted.models.choosers, rows, None, QUICK.folds)
         fitted = dataclasses.replace(fitted, models=dataclasses.replace(fitted.models, choices=choices))
         # Compared with real strokes and results only: how it is played best does not matter.
-        game, variants, skill, *_ = save_fit(folder, fitted, sources, None, report=report, check=False)
+        game, variants, skill, *_ = save_fit(folder, fitted, sources, report=report, check=False)
         # The card comes last: a folder with a card is complete.
         save_variants(folder, game, variants, {"name": folder.name, "skill": summary(skill, {})})
     return folder

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from shuttle_marl.dynamics import evaluate, fit, skill
+from shuttle_marl.dynamics import evaluate, skill
 from shuttle_marl.dynamics.choices import Choices, fit_shifts
 from shuttle_marl.dynamics.evaluate import calibration_error, log_losses, reliability, scores
 from shuttle_marl.dynamics.features import SLOTS
@@ -101,16 +101,6 @@ def test_fitted_shifts_balance_the_data_and_the_prior() -> None:
     single = Choices(base, np.zeros(60, int), np.zeros(60, int), label).shifts(1, 1, 3.0)
     residual = (np.eye(3)[label] - tilted(base, single[0, 0])).sum(axis=0)
     assert single[0, 0] == pytest.approx(residual / 3 + residual / 12, abs=1e-4)
-
-
-def test_a_shift_is_the_mode_and_its_deviation_the_curvature() -> None:
-    label = np.r_[np.ones(30), np.zeros(10)] == 1
-    z = np.linspace(-1, 1, 40)
-    shift, deviation = fit.shift_of(lambda b: expit(z + b), label)
-    p = expit(z + shift)
-    assert (label - p).sum() == pytest.approx(4 * shift, abs=1e-3)
-    assert deviation == pytest.approx(1 / math.sqrt((p * (1 - p)).sum() + 4), rel=1e-3)
-    assert fit.shift_of(lambda b: expit(z[:0] + b), label[:0]) == pytest.approx((0, 0.5), abs=1e-4)
 
 
 def test_the_slope_of_truth_on_offsets() -> None:

@@ -1,4 +1,4 @@
-"""Fits to matches of one's own: splits by share, the least that is needed, and corrections of the shipped model."""
+"""Fits to matches of one's own: splits by share, and the least that is needed."""
 
 import dataclasses
 from pathlib import Path
@@ -10,11 +10,10 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import data, dynamics, league
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.make import MIN_STROKES, MIN_STROKES_WITH_PRIOR, require_enough, train_and_validation
-from shuttle_marl.game.shipped import load_game, read_model_card, refits_of, steps_between, variants
+from shuttle_marl.dynamics.make import MIN_STROKES, require_enough, train_and_validation
+from shuttle_marl.game.shipped import load_game, read_model_card, variants
 from shuttle_marl.policy import registry
 from tests.data.club_matches import strokes_of_club, write_club
-from tests.reduced import REFITS, reduced_model
 
 
 @pytest.fixture(scope="module")
@@ -72,21 +71,17 @@ def test_too_few_strokes_are_refused_with_the_reason(club: Rows) -> None:
     with pytest.raises(
         ShuttleError, match=rf"{len(few)} strokes in 4 train matches, at least {MIN_STROKES} needed: .* 117 kinds"
     ):
-        require_enough(few, validation, prior=False)
-    with pytest.raises(ShuttleError, match=rf"at least {MIN_STROKES_WITH_PRIOR} needed: fewer contain less than twenty faults"):
-        require_enough(few, validation, prior=True)
-    require_enough(train, validation, prior=False)
-    require_enough(train.take(np.arange(MIN_STROKES_WITH_PRIOR)), validation, prior=True)
+        require_enough(few, validation)
+    require_enough(train, validation)
 
 
 @pytest.mark.slow
 def test_from_a_file_to_the_league(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file, columns = write_club(tmp_path, strokes_of_club(2))
+    file, columns = write_club(tmp_path, strokes_of_club(4))
     table, model = tmp_path / "club.parquet", tmp_path / "model"
     assert data.main(["import", str(file), "--columns", str(columns), "--out", str(table)]) == 0
     assert data.main(["validate", str(table)]) == 0
-    prior = reduced_model()
-    flags = ["--data", str(table), "--out", str(model), "--prior", prior]
+    flags = ["--data", str(table), "--out", str(model)]
     assert dynamics.main(["fit", *flags]) == 1
     assert "--validation-share 0.2" in capsys.readouterr().err
     assert dynamics.main(["fit", *flags, "--validation-share", "0.2"]) == 0
@@ -94,7 +89,7 @@ def test_from_a_file_to_the_league(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "already exists" in capsys.readouterr().err
     card = read_model_card(model)
     assert card["data"]["sources"] == ["our club"]
-    assert variants(str(model)) == card["variants"] == list(REFITS)
+    assert variants(str(model)) == card["variants"] == []
     assert dynamics.main(["card", "--model", str(model)]) == 0
     printed = capsys.readouterr().out
     for name in ("largest shot share", "shot types above 2 percent", "minimax mean rally", "minimax thin"):
@@ -103,11 +98,3 @@ def test_from_a_file_to_the_league(tmp_path: Path, capsys: pytest.CaptureFixture
     game = load_game(str(model))
     assert not any("axelsen" in name for name in registry.names(game))
     assert league.main(["--game", str(model), "--matches", "2", "--out", str(tmp_path / "run")]) == 0
-    # Players who play as those of the prior, and a correction that hardly moves it.
-    assert game.catalogue.version == load_game(prior).catalogue.version
-    assert all(abs(shift) < 0.5 for shift in card["chosen"]["prior"]["shifts"].values())
-    # Refits that differ from the game as those of the prior do, and a report that can advise.
-    ours, theirs = (
-        [steps_between(each, refit)[:, ::100].ravel() for refit in refits_of(each)[:2]] for each in (game, load_game(prior))
-    )
-    assert all(np.corrcoef(a, b)[0, 1] > 0.8 for a, b in zip(ours, theirs, strict=False))

@@ -15,7 +15,6 @@ from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.evaluate import as_markdown, write_card
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.make import take_over
 from shuttle_marl.dynamics.recovery import (
     FEATURES,
     GROUPS,
@@ -187,13 +186,3 @@ def test_few_positions_give_no_file(model: Path) -> None:
     assert "The model has none" in as_markdown(read_model_card(model))
     with pytest.raises(GameError, match="without positions of receivers"):
         load_game(f"{model}:recovery")
-
-
-def test_a_correction_takes_over_the_positions_of_its_prior(model: Path, tmp_path: Path) -> None:
-    corrected = tmp_path / "corrected"
-    corrected.mkdir()
-    take_over(corrected, model, POSITIONS)
-    assert (corrected / POSITIONS).read_bytes() == (model / POSITIONS).read_bytes()
-    (model / POSITIONS).unlink()
-    take_over(corrected, model, POSITIONS)
-    assert not (corrected / POSITIONS).exists()
