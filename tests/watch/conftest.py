@@ -208,6 +208,7 @@ class Viewer:
 
     def enter(self, mode: str) -> None:
         """Show a mode, paused."""
+        self.play(False)
         self.page.locator(f"#tab-{mode}").click()
         self.until(lambda: self.state("turn" if mode == "play" else "analysis") is not None)
         if mode == "learn":
@@ -215,13 +216,16 @@ class Viewer:
         self.until(lambda: self.state("mode") == mode and not self.press(*" " * self.state("playing")).state("playing"))
 
     def analysed(self) -> "Viewer":
+        """Wait for the analysis, paused: a page that plays draws all the time."""
+        self.play(False)
         self.until(lambda: self.state("analysis") is not None)
         return self
 
 
 @pytest.fixture
 def viewer(browser: "Browser") -> Iterator[Viewer]:
-    context = browser.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
+    # The layout of laptops in a small window: without a graphics card, the time of a picture is that of its pixels.
+    context = browser.new_context(viewport={"width": 1152, "height": 640}, reduced_motion="reduce")
     opened = Viewer(context.new_page())
     opened.page.set_default_timeout(120_000)
     yield opened

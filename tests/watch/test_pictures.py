@@ -82,6 +82,7 @@ def as_stored(viewer: Viewer, mode: str, seconds: float = 60) -> Image.Image:
 
 
 def test_states_of_the_page_look_as_before(viewer: Any, served: Any) -> None:
+    viewer.page.set_viewport_size({"width": 1280, "height": 800})
     viewer.open(f"{served.address}{PLACE}").analysed().play(False)
     viewer.page.evaluate(_USE_FONT, base64.b64encode(_FONT.read_bytes()).decode())
     viewer.until(lambda: viewer.page.locator(".bars .bar").count() > 10, 240)  # a busy machine solves for minutes
