@@ -54,7 +54,7 @@ def info(path: Log, *, json_output: Json = False) -> None:
             "bytes_per_stroke": round(log.size / max(1, log.n_strokes), 3),
             "policies": [player.name for player in log.policies],
             "pairings": len(log.pairings),
-            "seeds": "one for each rally" if "seed" in headers[0].columns else list(dict.fromkeys(h.seed for h in headers)),
+            "seeds": None if "seed" in headers[0].columns else list(dict.fromkeys(header.seed for header in headers)),
             "game": headers[0].game,
             "players": [] if headers[0].pair is None else list(headers[0].pair.players),
             "draws": list(dict.fromkeys(header.draws for header in headers)),

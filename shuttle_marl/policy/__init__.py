@@ -10,7 +10,7 @@ from shuttle_marl.base.extras import lazily
 if TYPE_CHECKING:
     from shuttle_marl.policy.baselines import ScriptedPolicy
     from shuttle_marl.policy.foreign import FunctionPolicy
-    from shuttle_marl.policy.plain_network import NetworkPolicy, from_network, from_sb3, save_network
+    from shuttle_marl.policy.plain_network import NetworkPolicy, from_network, save_network
     from shuttle_marl.policy.registry import Family, names, register, resolve, resolve_recorded
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
@@ -22,7 +22,6 @@ __all__ = [
     "Scorer",
     "ScriptedPolicy",
     "from_network",
-    "from_sb3",
     "names",
     "register",
     "resolve",

@@ -1,21 +1,15 @@
 """User networks as policies: any function from observations to logits, and files of weights.
 
-Files are those of :func:`save_network`, or archives of Stable-Baselines3, whose pickled parts are never opened; no code in them
-is run. They hold a chain of linear layers with one kind of activation, and name it. Weights alone, such as a state dictionary, do
-not say what is computed between them, so they are refused. Other networks are played through :func:`from_network` or
-``module:attribute``.
+Files are those of :func:`save_network`; no code in them is run. They hold a chain of linear layers with one kind of activation,
+and name it. Weights alone, such as a state dictionary, do not say what is computed between them, so they are refused. Other
+networks are played through :func:`from_network` or ``module:attribute``.
 """
 
 import dataclasses
 import functools
-import importlib
-import io
 import json
 import math
-import re
 import sys
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -26,8 +20,7 @@ from safetensors.numpy import save
 
 from shuttle_marl.base.arrays import F64, I32, Bools
 from shuttle_marl.base.errors import described
-from shuttle_marl.base.extras import install_hint
-from shuttle_marl.base.files import parsed, problem, read_file, replace_file
+from shuttle_marl.base.files import parsed, problem, replace_file
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.game.layout import RALLY_WIDTH, features, with_efforts
 from shuttle_marl.game.policy import Policy, PolicyError, States
@@ -53,15 +46,6 @@ _REMEDY: Final = (
 )
 _TOLERANCE: Final = 1e-5  # largest difference between a network and its file
 _COMPARED: Final = 512  # number of observations on which they are compared, half of them of the shipped game, half random
-_SB3_POLICIES: Final = (
-    "stable_baselines3.common.policies",
-    "stable_baselines3.dqn.policies",
-    "sb3_contrib.common.maskable.policies",
-)
-"""Modules of the policies of Stable-Baselines3 whose architecture is known."""
-_SB3_SETTINGS: Final = ("net_arch", "activation_fn", "ortho_init", "optimizer_class", "optimizer_kwargs")
-"""Settings of these policies that are understood here, or have no effect on the trained policy."""
-_LARGEST: Final = 1 << 27  # largest size of the weights in an archive [bytes]
 _ROWS: Final = 4096  # batch size of the network
 _features: Final = functools.lru_cache(maxsize=4)(features)
 
@@ -231,98 +215,14 @@ def load_weights(path: Path) -> Policy:
         ) from error
 
 
-def from_sb3(path: Path | str) -> Policy:
-    """The policy in an archive that Stable-Baselines3 or sb3-contrib saved: PPO, MaskablePPO, A2C or DQN on ``Rally-v0``.
+def _network(arrays: Mapping[str, npt.NDArray[Any]], function: Any) -> NetworkPolicy:
+    """The policy of weights and biases by the numbers of their layers, and the name of an activation.
 
-    Only the weights and the settings stored as text are read. The activation is the one that the archive names, or the default of
-    the library. DQN plays the stroke with the highest value. The agent must have seen the observations of the environment: those
-    that a wrapper changed within the same bounds leave no trace in the archive.
-
-    Args:
-        path: the archive, as ``model.save(path)`` writes it.
-
-    Raises:
-        PolicyError: the file does not exist, the policy is not a chain of layers of the library, or ``VecNormalize`` or another
-            wrapper changed the observations.
-    """
-    path = Path(path)
-    try:
-        with zipfile.ZipFile(io.BytesIO(read_file(path, _LARGEST))) as archive:
-            for name in ("policy.pth", "data"):
-                if (size := archive.getinfo(name).file_size) > _LARGEST:
-                    raise ValueError(f"{size:,} bytes in {name}")
-            arrays = _state_dictionary(archive.read("policy.pth"))
-            settings = parsed(archive.read("data").decode())
-        values = settings["policy_class"]["__module__"] == "stable_baselines3.dqn.policies"
-        prefix, rest = (
-            ("q_net.q_net.", ["q_net_target."]) if values else ("mlp_extractor.policy_net.", ["mlp_extractor.value_net."])
-        )
-        names = [f"{prefix}{2 * i}" for i in range(sum(f"{prefix}{2 * i}.weight" in arrays for i in range(len(arrays))))]
-        if not values:
-            names, rest = [*names, "action_net"], [*rest, "value_net."]
-        chain = {name: array for name, array in arrays.items() if not name.startswith(tuple(rest))}
-        return _network(chain, _sb3_function(settings, "relu" if values else "tanh"), names, greedy=values)
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, zipfile.BadZipFile, zlib.error, RuntimeError) as error:
-        raise PolicyError(
-            f"{path}: no archive of Stable-Baselines3 that can be played ({problem(error)}); play others through module:attribute"
-        ) from error
-
-
-def _sb3_function(settings: Any, default: str) -> str:
-    """The activation in the settings of an archive."""
-    if (module := settings["policy_class"]["__module__"]) not in _SB3_POLICIES:
-        raise ValueError(f"a policy class of {module!r:.100}, expected one of {', '.join(_SB3_POLICIES)}")
-    chosen = {name: value for name, value in settings["policy_kwargs"].items() if not name.startswith(":")}
-    if unknown := set(chosen) - set(_SB3_SETTINGS):
-        raise ValueError(f"policy_kwargs {min(unknown)!r:.100}, expected {', '.join(_SB3_SETTINGS)} alone")
-    space = settings["observation_space"]
-    both = rf"\{{'action_mask': Box\(0, 1, \(\d+,\), int8\), 'observation': Box\(0\.0, 1\.0, \({RALLY_WIDTH},\), float32\)\}}"
-    plain = "spaces" not in space and set(space["low"]) <= set("[0. \n]") and set(space["high"]) <= set("[1. \n]")
-    if not (plain or re.fullmatch(both, space.get("spaces", ""))) or settings.get("_last_original_obs") is not None:
-        raise ValueError("trained on observations that VecNormalize or another wrapper changed")
-    if "activation_fn" not in chosen:
-        return default
-    named = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", chosen["activation_fn"])
-    if named is None or named[1] not in _TORCH_NAMES:
-        raise ValueError(f"activation_fn {chosen['activation_fn']!r:.100}, expected one of {', '.join(_TORCH_NAMES)}")
-    return _TORCH_NAMES[named[1]]
-
-
-def _state_dictionary(content: bytes) -> dict[str, npt.NDArray[Any]]:
-    """Weights by name, read without running code from the file."""
-    try:
-        torch: Any = importlib.import_module("torch")  # only such files need it
-    except ImportError as error:
-        raise ValueError(f"reading it needs PyTorch; {install_hint('train')}") from error
-    try:
-        found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
-    except Exception as error:  # of many types, for damaged or hostile files
-        raise ValueError(f"not weights alone: {str(error).partition(chr(10))[0]}") from error
-    if not isinstance(found, Mapping) or not all(isinstance(value, torch.Tensor) for value in found.values()):
-        raise ValueError("no state dictionary")
-    for name, value in found.items():
-        # A view may repeat the numbers of the file and be much larger.
-        if not value.is_floating_point() or value.numel() * value.element_size() > value.untyped_storage().nbytes():
-            raise ValueError(f"{str(name)[:100]}: {value.numel():,} {value.dtype} numbers, expected floats that the file holds")
-    return {str(name): value.detach().float().numpy() for name, value in found.items()}
-
-
-def _network(
-    arrays: Mapping[str, npt.NDArray[Any]], function: Any, names: Sequence[str] = (), *, greedy: bool = False
-) -> NetworkPolicy:
-    """The policy of a chain of linear layers.
-
-    Args:
-        arrays: weights and biases, of these layers alone.
-        function: name of the activation.
-        names: names of the layers, from the first to the last; default: their numbers.
-
-    Raises:
-        ValueError: the weights form no chain from an observation, the activation is unknown, or a number is not finite.
+    Raises ValueError: they form no chain from an observation, the activation is unknown, or a number is not finite.
     """
     if not isinstance(function, str) or function not in FUNCTIONS:
         raise ValueError(f"unknown activation; expected one of {', '.join(FUNCTIONS)}")
-    names = names or [str(i) for i in range(max(1, len(arrays) // 2))]
+    names = [str(i) for i in range(max(1, len(arrays) // 2))]
     if wrong := {f"{name}.{part}" for name in names for part in ("weight", "bias")} ^ set(arrays):
         raise ValueError(f"{min(wrong)!r:.100} is missing in a chain of linear layers, or is no part of it")
     layers: list[tuple[F64, F64]] = []
@@ -338,4 +238,4 @@ def _network(
         raise ValueError(
             f"it reads {width} numbers; expected the {RALLY_WIDTH} of an observation, alone or behind a mask of {strokes} strokes"
         )
-    return NetworkPolicy(functools.partial(_layers, layers, function), "observation", greedy, masked=width != RALLY_WIDTH)
+    return NetworkPolicy(functools.partial(_layers, layers, function), masked=width != RALLY_WIDTH)

@@ -28,7 +28,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import agents, baselines, computed
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
 from shuttle_marl.policy.foreign import ModuleMissingError, blaming, current_limit, from_module
-from shuttle_marl.policy.plain_network import from_sb3, load_weights
+from shuttle_marl.policy.plain_network import load_weights
 from shuttle_marl.policy.programs import ProgramPolicy
 
 Load = Callable[[str | None, Game], Policy]
@@ -322,10 +322,6 @@ _with_argument(
     "torch:FILE", "mine.safetensors", "a file",
     "network of your own from its weights: linear layers with one activation function, saved by save_network",
     lambda file, _: load_weights(Path(file)),
-)  # fmt: skip
-_with_argument(
-    "sb3:FILE", "mine.zip", "an archive", "PPO, MaskablePPO, A2C or DQN that Stable-Baselines3 or sb3-contrib saved",
-    lambda file, _: from_sb3(file),
 )  # fmt: skip
 _with_argument(
     "program:COMMAND", "./player", "a command",

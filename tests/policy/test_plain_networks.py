@@ -1,10 +1,6 @@
 """Networks of one's own: any function as a policy, and files of weights that never run anything."""
 
-import functools
-import io
-import json
 import pickle
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,13 +14,11 @@ from hypothesis import strategies as st
 from safetensors.torch import save_file
 from sb3_contrib import MaskablePPO
 from stable_baselines3 import A2C, DQN, PPO
-from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from shuttle_marl.game import default_game, observations
 from shuttle_marl.game.policy import PolicyError, States, checked_probabilities, tabulate
-from shuttle_marl.policy import from_network, from_sb3, plain_network, registry, resolve, save_network
+from shuttle_marl.policy import from_network, plain_network, registry, resolve, save_network
 from shuttle_marl.policy.registry import resolve_recorded
 from tests.exact.exact_games import tiring_game
 
@@ -178,25 +172,13 @@ class Runs:
         return Path.touch, (Path("ran"),)
 
 
-def hostile_archive() -> bytes:
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w") as archive:
-        archive.writestr("policy.pth", pickle.dumps(Runs()))
-        archive.writestr(
-            "data", json.dumps({"policy_class": {":serialized:": "gASVHgAAAAAAAACMBXBvc2l4lIwGc3lzdGVtlJOUjAR0cnVllIWUUpQu"}})
-        )
-    return content.getvalue()
-
-
 @pytest.mark.parametrize(
     ("file", "content", "says"),
     [
         ("mine.pt", pickle.dumps(Runs()), "not a safetensors file"),
-        ("mine.zip", hostile_archive(), "not weights alone"),
-        ("mine.zip", b"PK", "no archive of Stable-Baselines3"),
         ("nowhere.pt", None, "No such file"),
     ],
-    ids=range(4),
+    ids=range(2),
 )
 def test_files_of_others_never_run(
     file: str, content: bytes | None, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -204,7 +186,7 @@ def test_files_of_others_never_run(
     monkeypatch.chdir(tmp_path)
     if content is not None:
         Path(file).write_bytes(content)
-    name = f"{'sb3' if file.endswith('.zip') else 'torch'}:{file}"
+    name = f"torch:{file}"
     with pytest.raises(PolicyError, match=says):
         resolve(name, GAME)
     assert not Path("ran").exists()
@@ -241,37 +223,6 @@ def test_weights_that_are_no_network(arrays: dict[str, torch.Tensor], about: str
         resolve(f"torch:{tmp_path}/mine.safetensors", GAME)
 
 
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        ([torch.zeros(2)], "no state dictionary"),
-        ({"a": torch.zeros(2), "b": 3}, "no state dictionary"),
-        (
-            {"a": torch.zeros(2), "b": torch.zeros(2, dtype=torch.int32)},
-            "b: 2 torch.int32 numbers, expected floats that the file holds",
-        ),
-        ({"a": torch.eye(2).to_sparse()}, "sparse|Sparse"),
-        ({"a": torch.zeros(1).expand(7, 3)}, "a: 21 torch.float32 numbers, expected floats that the file holds"),
-    ],
-)
-def test_state_dictionaries_hold_plain_numbers(content: Any, says: str, tmp_path: Path) -> None:
-    file = io.BytesIO()
-    torch.save(content, file)
-    with zipfile.ZipFile(tmp_path / "mine.zip", "w") as archive:
-        archive.writestr("policy.pth", file.getvalue())
-        archive.writestr("data", "{}")
-    with pytest.raises(PolicyError, match=says):
-        from_sb3(tmp_path / "mine.zip")
-
-
-def test_parts_of_an_archive_are_limited_in_size(tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "mine.zip", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("policy.pth", bytes((1 << 27) + 1))
-        archive.writestr("data", "{}")
-    with pytest.raises(PolicyError, match=r"134,217,729 bytes in policy\.pth"):
-        from_sb3(tmp_path / "mine.zip")
-
-
 def test_softmax_is_over_legal_strokes() -> None:
     """Weights 1, 2 and 4 without the last, and 2 and 6 with the largest logit beyond the range of exponentials."""
     logits = np.log([[1.0, 2.0, 4.0, 9.0], [2.0, 6.0, 5.0, 1.0]]) + np.array([[0.0], [5000.0]])
@@ -280,10 +231,9 @@ def test_softmax_is_over_legal_strokes() -> None:
 
 
 def test_names_want_a_file() -> None:
-    for key in ("torch", "sb3"):
-        with pytest.raises(PolicyError, match="behind the colon"):
-            resolve(key, GAME)
-        assert f"{key}:FILE" in registry.forms()
+    with pytest.raises(PolicyError, match="behind the colon"):
+        resolve("torch", GAME)
+    assert "torch:FILE" in registry.forms()
 
 
 def test_a_network_for_another_game_says_so(tmp_path: Path) -> None:
@@ -307,8 +257,11 @@ def test_agents_of_stable_baselines_play_as_they_do_there(
     env = gymnasium.make("shuttle_marl/Rally-v0", opponent="random", game=TIRING, mask=mask)
     kind = "MultiInputPolicy" if mask == "observation" else "MlpPolicy"
     model = algorithm(kind, env, seed=1, device="cpu", **settings)
-    model.save(tmp_path / "mine")
-    policy = resolve(f"sb3:{tmp_path}/mine.zip", TIRING)
+    actor = (
+        model.q_net.q_net if algorithm is DQN else nn.Sequential(model.policy.mlp_extractor.policy_net, model.policy.action_net)
+    )
+    save_network(actor, tmp_path / "mine.safetensors")
+    policy = resolve(f"torch:{tmp_path}/mine.safetensors", TIRING)
     states = States(game=TIRING, state=np.flatnonzero(TIRING.playable).astype(np.int32))
     seen: Any = torch.from_numpy(observations(TIRING, states.state))
     if mask == "observation":
@@ -320,57 +273,6 @@ def test_agents_of_stable_baselines_play_as_they_do_there(
             return
         p = np.where(states.mask, model.policy.get_distribution(seen).distribution.probs.numpy(), 0)
     assert np.allclose(policy.probabilities(states), p / p.sum(axis=1, keepdims=True), atol=1e-5)
-    assert np.array_equal(from_sb3(str(tmp_path / "mine.zip")).probabilities(states), policy.probabilities(states))
-
-
-class Scaled(BaseFeaturesExtractor):
-    """Observations times ten."""
-
-    def __init__(self, space: gymnasium.Space[Any]) -> None:
-        super().__init__(space, 60)
-
-    def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        return 10 * observations
-
-
-class Sharper(ActorCriticPolicy):
-    """A policy with other probabilities than those of its layers."""
-
-
-def rally(wrapper: Callable[[gymnasium.Env[Any, Any]], gymnasium.Env[Any, Any]] = lambda env: env) -> gymnasium.Env[Any, Any]:
-    return wrapper(gymnasium.make("shuttle_marl/Rally-v0", opponent="random", game=TIRING, mask="none"))
-
-
-def scaled(env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
-    space = gymnasium.spaces.Box(0, 10, (60,), np.float32)
-    return gymnasium.wrappers.TransformObservation(env, lambda seen: 10 * seen, space)
-
-
-@pytest.mark.parametrize(
-    ("settings", "says"),
-    [
-        ({"policy_kwargs": {"features_extractor_class": Scaled}}, "policy_kwargs 'features_extractor_class', expected net_arch"),
-        (
-            {"policy_kwargs": {"activation_fn": functools.partial(nn.ELU, 2.0)}},
-            "activation_fn .functools.partial.*expected one of",
-        ),
-        ({"policy": Sharper}, "a policy class of '.*test_plain_networks'"),
-        ({"env": rally(scaled)}, "VecNormalize or another wrapper changed"),
-        ({"head": nn.Sequential(nn.Linear(64, TIRING.n_strokes), nn.Tanh())}, "action_net.*is missing in a chain"),
-    ],
-    ids=range(5),
-)
-def test_agents_of_stable_baselines_with_more_than_layers(settings: dict[str, Any], says: str, tmp_path: Path) -> None:
-    head = settings.pop("head", None)
-    model = PPO(
-        **{"policy": "MlpPolicy", "env": rally(), "n_steps": 8, "batch_size": 8, "n_epochs": 1, "device": "cpu", **settings}
-    )
-    model.learn(8)
-    if head is not None:
-        model.policy.action_net = head
-    model.save(tmp_path / "mine")
-    with pytest.raises(PolicyError, match=f"{says}.*module:attribute"):
-        resolve(f"sb3:{tmp_path}/mine.zip", TIRING)
 
 
 KINDS: dict[str, Callable[[int], nn.Module]] = {

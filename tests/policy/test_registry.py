@@ -122,7 +122,6 @@ def test_a_class_may_take_the_game_and_a_function_may_read_the_score(module: str
             for suffix in ("hot", "inf", "0", "-1", "nan", "1e999", "")
         ),
         ("torch", "expected a file behind the colon, as in torch:mine.safetensors"),
-        ("sb3:", "expected an archive behind the colon, as in sb3:mine.zip"),
         ("program:", "expected a command behind the colon, as in program:./player"),
         ("agent", "expected the folder of a trained agent behind the colon, as in agent:runs/ppo-0/agent"),
         ("best-response:", "expected the name of a policy behind the colon, as in best-response:bc"),

@@ -26,7 +26,6 @@ import io
 import json
 import multiprocessing
 import os
-import pickle
 import random
 import resource
 import select
@@ -34,7 +33,6 @@ import shutil
 import signal
 import sys
 import tempfile
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -86,12 +84,6 @@ MAIN: Final[dict[str, Main]] = {
 CANARY: Final = "CANARY"
 """File that code in a forged file creates."""
 MODULE: Final = "forged_module"
-SB3_SETTINGS: Final = {
-    "policy_class": {"__module__": "sb3_contrib.common.maskable.policies"},
-    "policy_kwargs": {"net_arch": [8]},
-    "observation_space": {"low": "[0. 0.]", "high": "[1. 1.]"},
-}
-"""Settings in an archive of Stable-Baselines3."""
 JUNK: Final[tuple[str, ...]] = (
     *("null", "true", "-1", "0", "1.5", str(2**40), str(2**70), "1" + "0" * 400, "1e999", "NaN", '""', '"x"', "[]", "{}", "[1]"),
     *('[[1, "a"], null]', '{"a": {"b": []}}', "[" * 50_000, "[" * 5_000 + "]" * 5_000, json.dumps("a" * 10**6)),
@@ -190,7 +182,6 @@ FORMATS: Final[dict[str, Format]] = {
         ("exact evaluate torch:mine.safetensors --game model --json",),
         checked=False,
     ),
-    "sb3": Format(("mine.zip",), ("exact evaluate sb3:mine.zip --game model --json",), checked=False),
     "csv": Format(
         ("strokes.csv", "columns.toml"),
         ("data import strokes.csv --columns columns.toml --out out.parquet",),
@@ -290,17 +281,6 @@ def foreign(root: Path) -> None:
     torch.manual_seed(0)
     layers = torch.nn.Sequential(torch.nn.Linear(RALLY_WIDTH, 8), torch.nn.Tanh(), torch.nn.Linear(8, strokes))
     save_network(layers, root / "weights" / "mine.safetensors")
-    names = ("mlp_extractor.policy_net.0", "action_net")
-    state = {
-        f"{name}.{part}": layers.state_dict()[f"{i}.{part}"]
-        for name, i in zip(names, (0, 2), strict=True)
-        for part in ("weight", "bias")
-    }
-    weights = io.BytesIO()
-    torch.save(state, weights)
-    with zipfile.ZipFile(root / "sb3" / "mine.zip", "w") as archive:
-        archive.writestr("policy.pth", weights.getvalue())
-        archive.writestr("data", json.dumps(SB3_SETTINGS))
 
 
 def spawn(command: str, folder: Path, log: Path | None = None, results: Sequence[str] = ()) -> int:
@@ -393,8 +373,6 @@ def change(path: Path, rng: random.Random, logs: Path) -> str:
             kinds += [lambda path, rng: forge_log(path, rng, logs)] * 2
         case ".safetensors":
             kinds += [forge_safetensors] * 2
-        case ".zip":
-            kinds += [forge_archive] * 2
         case ".parquet":
             kinds += [forge_parquet, forge_types] * 2
         case ".xml":
@@ -526,70 +504,6 @@ def forge_safetensors(path: Path, rng: random.Random) -> None:
             body[at : at + 4] = rng.choice((b"\xff\xff\xff\xff", b"\x00\x00\xc0\x7f", b"\x00\x00\x80\xff", rng.randbytes(4)))
     encoded = header.encode(errors="surrogatepass")
     path.write_bytes(len(encoded).to_bytes(8, "little") + encoded + bytes(body))
-
-
-class Code:
-    """Something that runs a command when it is unpickled."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return os.system, (f"touch {CANARY}",)
-
-
-def forged_weights(rng: random.Random) -> bytes:
-    """A file of weights with code, or with tensors of other kinds and sizes."""
-    matrix = torch.zeros(8, RALLY_WIDTH)
-    tensors: list[Callable[[], Any]] = [
-        matrix.to_sparse,
-        matrix.to_sparse_csr,
-        lambda: torch.zeros(8, RALLY_WIDTH, device="meta"),
-        lambda: torch.quantize_per_tensor(matrix, 0.1, 0, torch.qint8),
-        lambda: torch.zeros(1).expand(1 << 18, 1 << 18),
-        lambda: torch.zeros(1).expand(8, RALLY_WIDTH),
-        lambda: torch.zeros(8, RALLY_WIDTH, dtype=torch.complex64),
-        lambda: torch.zeros(8, RALLY_WIDTH, dtype=torch.bool),
-        lambda: torch.zeros(8, RALLY_WIDTH, dtype=torch.float64) * 1e300,
-        lambda: torch.full((8, RALLY_WIDTH), torch.nan),
-        lambda: torch.zeros(0, RALLY_WIDTH),
-        lambda: torch.zeros(()),
-        lambda: torch.nested.nested_tensor([torch.zeros(2), torch.zeros(3)]),
-        lambda: [1, 2],
-        lambda: "x" * 1000,
-        Code,
-    ]
-    if rng.random() < 0.15:
-        return pickle.dumps({"0.weight": Code()}, protocol=rng.choice((0, 2, 4)))
-    names = ("0.weight", "0.bias", "2.weight", "2.bias", "action_net.weight", "mlp_extractor.policy_net.0.weight", "x" * 10**5)
-    state = {name: rng.choice(tensors)() for name in rng.sample(names, rng.randint(1, 4))}
-    content = io.BytesIO()
-    try:
-        torch.save(state, content)
-    except Exception:  # not every mixture of tensors can be saved
-        return pickle.dumps([Code()])
-    return content.getvalue()
-
-
-def forge_archive(path: Path, rng: random.Random) -> None:
-    """Replace a member of an archive: other weights, damaged compression, JSON of another form, or gigabytes of zeros."""
-    with zipfile.ZipFile(path) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-    choice = rng.randrange(5)
-    if choice == 0:
-        members["policy.pth"] = forged_weights(rng)
-    elif choice == 1:
-        members["data"] = forged_json(members["data"].decode(), rng).encode(errors="surrogatepass")
-    elif choice == 2:
-        members.pop(rng.choice(list(members)))
-    elif choice == 3:
-        members[rng.choice(list(members))] = bytes(MEBIBYTE << 8)
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in members.items():
-            archive.writestr(name, content)
-    data_ = bytearray(buffer.getvalue())
-    if choice == 4:
-        for _ in range(3):
-            data_[rng.randrange(len(data_))] ^= 1 << rng.randrange(8)
-    path.write_bytes(bytes(data_))
 
 
 def forge_parquet(path: Path, rng: random.Random) -> None:
