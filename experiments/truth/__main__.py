@@ -11,16 +11,7 @@ from experiments.truth import decisions, likeness
 from experiments.truth.decisions import Promises, calibration, judged_strokes, memory
 from experiments.truth.matches import Comparison, Strokes, of_splits, strokes_of
 from experiments.truth.recovery import recovery_effects
-from experiments.truth.worlds import (
-    Fitter,
-    World,
-    by_discipline,
-    cross_parts,
-    judged_by,
-    marked,
-    shipped_world,
-    transfer,
-)
+from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, judged_by, marked, shipped_world, transfer
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import read_matches

@@ -16,14 +16,7 @@ import zstandard
 from shuttle_marl.base.arrays import Floats
 from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.base.files import content_hash, problem, read_file, replace_file
-from shuttle_marl.game.policy import (
-    Policy,
-    PolicyError,
-    TabulatedPolicy,
-    TemperedPolicy,
-    from_pair_probabilities,
-    tabulate,
-)
+from shuttle_marl.game.policy import Policy, PolicyError, TabulatedPolicy, TemperedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import is_refit, origin_of, refits_of, variants
 from shuttle_marl.game.tables import Game

@@ -1,14 +1,7 @@
 """Registry of policies by name: shipped policies, families of policies, and user policies.
 
 A name is ``KEY`` or ``KEY:ARGUMENT`` with a registered KEY (``random``, ``bc:viktor-axelsen``), else ``module:attribute``. A
-suffix ``@greedy`` or ``@TEMPERATURE`` makes the policy sharper or flatter (``bc@0.5``). A family is added by
-:func:`register`, or by an entry point of an installed package:
-
-    [project.entry-points."shuttle_marl.policies"]
-    KEY = "package.module:FAMILY"
-
-where ``FAMILY`` is a :class:`Family`. Entry points are read when an unregistered name is resolved, or all names are listed;
-modules of families should import heavy dependencies inside functions.
+suffix ``@greedy`` or ``@TEMPERATURE`` makes the policy sharper or flatter (``bc@0.5``). :func:`register` adds a family.
 
 A name that a user typed may run user code (:func:`resolve`). A name from a file, such as the header of a rally log, may not
 (:func:`resolve_recorded`): it resolves only families that allow it, and neither modules nor files.
@@ -17,8 +10,7 @@ A name that a user typed may run user code (:func:`resolve`). A name from a file
 import contextlib
 import dataclasses
 import functools
-import importlib.metadata
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -27,7 +19,7 @@ from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TabulatedP
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import agents, baselines, computed
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
-from shuttle_marl.policy.foreign import ModuleMissingError, blaming, current_limit, from_module
+from shuttle_marl.policy.foreign import ModuleMissingError, current_limit, from_module
 from shuttle_marl.policy.plain_network import load_weights
 from shuttle_marl.policy.programs import ProgramPolicy
 
@@ -35,7 +27,6 @@ Load = Callable[[str | None, Game], Policy]
 Names = Callable[[Game], Iterable[str]]
 Opponents = str | Policy | Sequence[str | Policy]  # name of a policy, a policy, or several of either
 
-ENTRY_POINTS: Final = "shuttle_marl.policies"
 _MOST_NESTED: Final = 8  # largest nesting depth of names, as in best-response:best-response:bc; each level solves a game
 
 
@@ -96,45 +87,13 @@ def names(game: Game) -> tuple[str, ...]:
 
 def described_names(game: Game) -> dict[str, str]:
     """Description of each of :func:`names`, in one line."""
-    listed = ((family, (key,) if family.names is None else family.names(game)) for key, family in _families())
+    listed = ((family, (key,) if family.names is None else family.names(game)) for key, family in _FAMILIES.items())
     return {name: family.described(name) for family, names in listed for name in names}
 
 
 def forms() -> dict[str, str]:
     """Names with an argument of the user, such as ``table:FILE``, and their descriptions."""
-    return {family.form: family.described(family.form) for _, family in _families() if family.form}
-
-
-def _families() -> Iterator[tuple[str, Family]]:
-    yield from _FAMILIES.items()
-    for key in _entry_points():
-        try:
-            family = None if key in _FAMILIES else _plugged_in(key)
-        except PolicyError:
-            continue  # the import error of a package is raised when its policies are resolved
-        if family is not None:
-            yield key, family
-
-
-@functools.cache
-def _entry_points() -> dict[str, importlib.metadata.EntryPoint]:
-    return {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
-
-
-def _family(key: str) -> Family | None:
-    return _FAMILIES.get(key) or _plugged_in(key)
-
-
-@functools.cache
-def _plugged_in(key: str) -> Family | None:
-    point = _entry_points().get(key)
-    if point is None:
-        return None
-    with blaming(f"policies {key!r}: entry point {point.value}"):
-        family = point.load()
-    if not isinstance(family, Family):
-        raise PolicyError(f"policies {key!r}: entry point {point.value} is a {type(family).__name__}, expected a Family")
-    return family
+    return {family.form: family.described(family.form) for family in _FAMILIES.values() if family.form}
 
 
 def resolve(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
@@ -158,9 +117,6 @@ def resolve(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
 
 def resolve_recorded(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
     """Resolve the name of a policy from a file, without importing modules or opening files of its choice.
-
-    Families of installed packages are resolved if they allow it (``from_data``). To find out, the package is imported, which is
-    code that the user installed; a file can only choose among such packages.
 
     Args:
         name: as in :func:`resolve`.
@@ -187,7 +143,7 @@ def _check_depth(name: str) -> None:
     inner = name
     for _ in range(_MOST_NESTED):
         key, colon, inner = inner.partition(":")
-        family = _family(key) if colon else None
+        family = _FAMILIES.get(key) if colon else None
         if family is None or not family.of_policies:
             return
     raise PolicyError(f"policy {name[:60]!r}…: more than {_MOST_NESTED - 1} names around a policy")
@@ -196,7 +152,7 @@ def _check_depth(name: str) -> None:
 def _check_from_data(name: str) -> None:
     base, _ = _split(name)
     key, colon, argument = base.partition(":")
-    family = _family(key)
+    family = _FAMILIES.get(key)
     if family is None and not colon:
         return  # no policy has this name, which resolve says
     if family is None or not family.from_data:
@@ -212,7 +168,7 @@ def _split(name: str) -> tuple[str, float | None]:
     """The name without the suffix of its temperature, and the temperature; None without a suffix."""
     base, at, suffix = name.rpartition("@")
     key, colon, _ = name.partition(":")
-    family = _family(key) if at and colon else None
+    family = _FAMILIES.get(key) if at and colon else None
     if not at or (family is not None and family.of_policies):
         return name, None
     if suffix == "greedy":
@@ -225,7 +181,7 @@ def _split(name: str) -> tuple[str, float | None]:
 
 def _resolve_plain(name: str, game: Game) -> Policy:
     key, colon, argument = name.partition(":")
-    if (family := _family(key)) is not None:
+    if (family := _FAMILIES.get(key)) is not None:
         return family.load(argument if colon else None, game)
     if colon and key and argument:
         try:

@@ -19,16 +19,7 @@ from markupsafe import Markup
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import OptionError, printable
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.game.court import (
-    HALF_LENGTH,
-    HALF_WIDTH,
-    N_AREAS,
-    SHORT_SERVICE,
-    WIDTH,
-    area_box,
-    area_centre,
-    seen_by,
-)
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, N_AREAS, SHORT_SERVICE, WIDTH, area_box, area_centre, seen_by
 from shuttle_marl.game.recovery import position_box
 
 if TYPE_CHECKING:

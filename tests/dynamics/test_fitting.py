@@ -11,14 +11,7 @@ from scipy.stats import beta
 from shuttle_marl.data import read_matches
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.data.table import strokes_hash
-from shuttle_marl.dynamics.compiled import (
-    CREDIBLE,
-    PRIOR_STROKES,
-    SHOT_SHARE,
-    catalogue_of,
-    replies_of,
-    support_of,
-)
+from shuttle_marl.dynamics.compiled import CREDIBLE, PRIOR_STROKES, SHOT_SHARE, catalogue_of, replies_of, support_of
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
 from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.make import resampled

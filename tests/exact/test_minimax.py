@@ -14,14 +14,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.layout import GameError
 from shuttle_marl.game.scoring import Rules, match_win_probability
 from shuttle_marl.game.tables import Game
-from tests.exact.exact_games import (
-    games,
-    hand_made,
-    minimax_by_policy_iteration,
-    random_game,
-    seeds,
-    with_probabilities,
-)
+from tests.exact.exact_games import games, hand_made, minimax_by_policy_iteration, random_game, seeds, with_probabilities
 from tests.reduced import reduced_game
 
 

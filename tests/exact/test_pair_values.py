@@ -5,16 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from shuttle_marl.exact import (
-    ExactError,
-    best_response,
-    crossplay,
-    evaluate,
-    moved,
-    nash_conv,
-    solve,
-    visits,
-)
+from shuttle_marl.exact import ExactError, best_response, crossplay, evaluate, moved, nash_conv, solve, visits
 from shuttle_marl.game.pairs import pair_game, without_skill
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.tables import ROOT, Game

@@ -10,16 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.base.cache import forgotten
-from shuttle_marl.exact import (
-    ExactError,
-    best_response,
-    crossplay,
-    evaluate,
-    nash_conv,
-    policy_regret,
-    solve,
-    visits,
-)
+from shuttle_marl.exact import ExactError, best_response, crossplay, evaluate, nash_conv, policy_regret, solve, visits
 from shuttle_marl.game.policy import TabulatedPolicy
 from shuttle_marl.game.tables import ROOT, Game
 from tests.exact.exact_games import (

@@ -6,19 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from shuttle_marl.exact import (
-    ExactError,
-    PairPolicy,
-    best_response,
-    evaluate,
-    holes,
-    policy_regret,
-    solve,
-    solve_robust,
-)
-from shuttle_marl.exact.fixed_point import (
-    FIRST_RALLY_STATE,
-)
+from shuttle_marl.exact import ExactError, PairPolicy, best_response, evaluate, holes, policy_regret, solve, solve_robust
+from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE
 from shuttle_marl.exact.optimal import limited, restricted_response
 from shuttle_marl.game.draws import ONE
 from shuttle_marl.game.shipped import supported

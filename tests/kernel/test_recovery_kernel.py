@@ -11,16 +11,7 @@ from shuttle_marl.exact.profile import evaluate
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import TabulatedPolicy, cumulative_positions
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel import (
-    KernelError,
-    Matches,
-    MatchResults,
-    RallyBatch,
-    pack,
-    play_matches,
-    play_rallies,
-    wrong_outcomes,
-)
+from shuttle_marl.kernel import KernelError, Matches, MatchResults, RallyBatch, pack, play_matches, play_rallies, wrong_outcomes
 from shuttle_marl.kernel.matches import asking as asked_of
 from shuttle_marl.kernel.matches import play
 from tests.exact.exact_games import random_game, random_policy

@@ -23,12 +23,7 @@ from shuttle_marl.league.ranking import (
     unknown,
     wins_of,
 )
-from shuttle_marl.league.tournament import (
-    COUNTS,
-    PairResult,
-    forfeited,
-    round_robin,
-)
+from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
 
 
 @settings(max_examples=30, deadline=None)

@@ -18,12 +18,7 @@ from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.page import Curve, compare, console_table, page
 from shuttle_marl.league.ranking import ExactOdds, rank
-from shuttle_marl.league.tournament import (
-    COUNTS,
-    PairResult,
-    forfeited,
-    round_robin,
-)
+from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
 from shuttle_marl.reports import charts
 from tests import golden
 from tests.pages import parsed

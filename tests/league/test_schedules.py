@@ -13,15 +13,7 @@ from hypothesis import strategies as st
 from shuttle_marl.game import draws, load_game
 from shuttle_marl.game.rally import Rallies
 from shuttle_marl.league import LeagueConfig
-from shuttle_marl.league.tournament import (
-    COUNTS,
-    Pairing,
-    PairResult,
-    forfeited,
-    matches_of,
-    stages,
-    tally,
-)
+from shuttle_marl.league.tournament import COUNTS, Pairing, PairResult, forfeited, matches_of, stages, tally
 from shuttle_marl.recording.reader import check
 from tests.reduced import reduced_model
 from tests.stops import Killed, stop

@@ -17,12 +17,7 @@ import pytest
 
 from shuttle_marl.base import files, runs, table_files
 from shuttle_marl.base.cache import NAME, Cache, key_of
-from shuttle_marl.base.errors import (
-    OptionError,
-    ShuttleError,
-    described,
-    suggesting,
-)
+from shuttle_marl.base.errors import OptionError, ShuttleError, described, suggesting
 from shuttle_marl.base.files import (
     Count,
     CountOrZero,

@@ -1,9 +1,6 @@
 """Policies by name."""
 
-import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -166,48 +163,14 @@ def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
             registry.register(key, Family(load=load))
 
 
-PLUGGED = """
-from shuttle_marl.policy.registry import Family, resolve
-
-open_ = Family(load=lambda argument, game: resolve("random", game), names=lambda _: ["open", "open:x"], from_data=True)
-closed = Family(load=lambda argument, game: resolve("safe", game), names=lambda _: ())
-"""
-ASKED = """
-from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.shipped import load_game
-from shuttle_marl.policy.registry import names, resolve, resolve_recorded
-from tests.reduced import reduced_model
-
-game = load_game(reduced_model())
-assert names(game)[-2:] == ("open", "open:x") and names(game).count("random") == 1
-assert type(resolve("random", game)) is type(resolve("open:x", game)) is type(resolve_recorded("open:x", game))
-resolve("closed:x", game)
-for ask, name, says in (
-    (resolve_recorded, "closed:x", "not resolved because a file named it"),
-    (resolve_recorded, "best-response:closed:x", "not resolved because a file named it"),
-    (resolve, "broken", "entry point plugged:nothing raised AttributeError"),
-    (resolve, "other", "entry point plugged:resolve is a function, expected a Family"),
-):
-    try:
-        ask(name, game)
-    except PolicyError as error:
-        assert says in str(error), error
-    else:
-        raise AssertionError(name)
-"""
-
-
-def test_installed_packages_add_families(tmp_path: Path) -> None:
-    """They hide none of those of this package, and a file may name only those that say so."""
-    (tmp_path / "plugged.py").write_text(PLUGGED)
-    (tmp_path / "plugged-1.dist-info").mkdir()
-    points = {"open": "open_", "closed": "closed", "random": "closed", "broken": "nothing", "other": "resolve"}
-    listed = "\n".join(f"{name} = plugged:{value}" for name, value in points.items())
-    (tmp_path / "plugged-1.dist-info" / "entry_points.txt").write_text(f"[{registry.ENTRY_POINTS}]\n{listed}")
-    (tmp_path / "plugged-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: plugged\nVersion: 1\n")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
-    done = subprocess.run([sys.executable, "-c", ASKED], env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def test_a_file_may_name_only_families_that_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "_FAMILIES", dict(registry._FAMILIES))
+    for key, from_data in (("open", True), ("closed", False)):
+        registry.register(key, Family(load=lambda _, game: resolve("safe", game), from_data=from_data))
+    assert type(resolve_recorded("open:x", GAME)) is type(resolve("closed:x", GAME))
+    for name in ("closed:x", "best-response:closed:x"):
+        with pytest.raises(PolicyError, match="not resolved because a file named it"):
+            resolve_recorded(name, GAME)
 
 
 @pytest.mark.parametrize("name", ["safe@0.5", "minimax", "best-response:best-response:safe", "ppo@greedy"])

@@ -11,16 +11,7 @@ import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import stream
-from shuttle_marl.recording import (
-    LogHeader,
-    Player,
-    Rallies,
-    RallyLog,
-    RallyLogWriter,
-    RallyRecorder,
-    RecordingError,
-    recover,
-)
+from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RallyRecorder, RecordingError, recover
 from shuttle_marl.recording.header import Pair
 from shuttle_marl.recording.log_file import unfinished
 from tests.recording.conftest import read_rallies
