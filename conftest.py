@@ -124,11 +124,7 @@ def pytest_configure(config: pytest.Config) -> None:
         return  # inherited
     folder = tempfile.TemporaryDirectory(prefix="session-", ignore_cleanup_errors=True)
     config.add_cleanup(folder.cleanup)
-    os.environ |= {
-        "SESSION_FOLDER": folder.name,
-        "XDG_CACHE_HOME": f"{folder.name}/cache",
-        "SB3_LOGDIR": f"{folder.name}/sb3",
-    }
+    os.environ |= {"SESSION_FOLDER": folder.name, "XDG_CACHE_HOME": f"{folder.name}/cache", "SB3_LOGDIR": f"{folder.name}/sb3"}
 
 
 @pytest.hookimpl(wrapper=True)

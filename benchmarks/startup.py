@@ -103,12 +103,7 @@ def made(commit: str) -> dict[str, Any]:
     return {"command": f"make demo ({commit})", "cold": dataclasses.asdict(cold), "warm": dataclasses.asdict(warm)}
 
 
-def main(
-    *,
-    repeat: int = 3,
-    demo: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
-    as_json: Json = False,
-) -> None:
+def main(*, repeat: int = 3, demo: tyro.conf.UseAppendAction[tuple[str, ...]] = (), as_json: Json = False) -> None:
     """Measure and print.
 
     Args:

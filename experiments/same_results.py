@@ -62,10 +62,7 @@ AREAS: Final[dict[Area, tuple[str, ...]]] = {
         "league report {out}/cup --out {out}/comparison.html",
         "watch --seed 2 --save-site {out}/site",
     ),
-    "pictures": (
-        "seeded pictures",
-        "analysis datasets/sample/strokes.parquet --out {out}/analysis --json",
-    ),
+    "pictures": ("seeded pictures", "analysis datasets/sample/strokes.parquet --out {out}/analysis --json"),
     "suite": tuple(
         f"suite run {task} --method {method} --quick --seeds 1 --json --out {{out}}/{task}" for task, method in _SUITE.items()
     ),

@@ -23,7 +23,7 @@ import shuttle_marl as sm
 GAMES: Final = ("default", "default:recovery")
 SAMPLE: Final = "datasets/sample/strokes.parquet"
 TRAINING: Final[dict[str, Any]] = {
-    **{"strokes": 6000, "batch": 512, "width": 16, "threads": 1, "seed": 4, "checkpoint_every": 2, "evaluate_every": 1000},
+    **{"strokes": 6000, "batch": 512, "width": 16, "threads": 1, "seed": 4, "checkpoint_every": 2, "evaluate_every": 1000}
 }
 
 
@@ -123,10 +123,7 @@ def training(out: Path) -> dict[str, Any]:
 
 def reports(out: Path) -> dict[str, Any]:  # noqa: ARG001
     """Figures and pages of a match and of an opponent, in three languages."""
-    made = {
-        "match": sm.report(SAMPLE, "axelsen chou"),
-        "scouting": sm.scouting_report("an-se-young", "chen-yufei", data=SAMPLE),
-    }
+    made = {"match": sm.report(SAMPLE, "axelsen chou"), "scouting": sm.scouting_report("an-se-young", "chen-yufei", data=SAMPLE)}
     found: dict[str, Any] = {f"{name} {key}": figure for name, report in made.items() for key, figure in report.figures.items()}
     return found | {f"{name} page in {x}": report.html(x) for name, report in made.items() for x in ("en", "zh", "id")}
 

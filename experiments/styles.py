@@ -38,8 +38,7 @@ OPPONENT: Final = "bc"
 STYLES: Final[dict[str, PPOConfig]] = {
     "plain": PPOConfig(strokes=15_000_000),
     "attacking": PPOConfig(
-        strokes=15_000_000,
-        bonus=("smash=0.1", "half-smash=0.1", "net-kill=0.1", "drive=0.1", "push=-0.05", "lift=-0.05"),
+        strokes=15_000_000, bonus=("smash=0.1", "half-smash=0.1", "net-kill=0.1", "drive=0.1", "push=-0.05", "lift=-0.05")
     ),
     "defensive": PPOConfig(
         strokes=15_000_000,

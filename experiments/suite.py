@@ -37,9 +37,7 @@ from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.results import Row, arena_of
 from shuttle_marl.suite.task import frontier
 
-VARIANTS: Final = {
-    "adapt": ("restricted-nash:0.25", "restricted-nash:0.75", "counts:0.5", "mixture:0.9"),
-}
+VARIANTS: Final = {"adapt": ("restricted-nash:0.25", "restricted-nash:0.75", "counts:0.5", "mixture:0.9")}
 """Baselines with arguments, besides those without, by kind of task."""
 LEFT_OUT: Final = ("restricted-nash",)  # methods that without an argument equal another one
 QUICK: Final = {

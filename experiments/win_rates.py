@@ -78,12 +78,7 @@ def fraction_won(name: str, config: WinRates, seed: int, folder: Path) -> float:
     """Fraction of the matches that a policy wins against the opponent; all rallies are recorded."""
     out = folder / "matches" / f"{name.replace(':', '-').replace('/', '-')}-{seed}"
     league = LeagueConfig(
-        pool=(name, OPPONENT),
-        matches=config.matches,
-        seed=seed,
-        exact=False,
-        out=out,
-        resume=(out / runs.CONFIG).exists(),
+        pool=(name, OPPONENT), matches=config.matches, seed=seed, exact=False, out=out, resume=(out / runs.CONFIG).exists()
     )
     (result,) = run_league(league).results
     if result.forfeit:

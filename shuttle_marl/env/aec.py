@@ -106,10 +106,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.action_spaces = {agent: spaces.Discrete(n) for agent in AGENTS}
         self.observation_spaces = {
             agent: spaces.Dict(
-                {
-                    "observation": spaces.Box(0.0, 1.0, (width,), np.float32),
-                    "action_mask": spaces.Box(0, 1, (n,), np.int8),
-                }
+                {"observation": spaces.Box(0.0, 1.0, (width,), np.float32), "action_mask": spaces.Box(0, 1, (n,), np.int8)}
             )
             for agent in AGENTS
         }

@@ -67,13 +67,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012  as in gymnasium.Env
 
     def __init__(
-        self,
-        raw: ShuttleEnv,
-        opponent: Opponent,
-        seat: Seat,
-        mask: MaskView,
-        info: InfoView | None,
-        record: Path | str | None,
+        self, raw: ShuttleEnv, opponent: Opponent, seat: Seat, mask: MaskView, info: InfoView | None, record: Path | str | None
     ) -> None:
         self._mask, self._info_view = mask, checked_views(mask, info)
         if seat not in (0, 1):

@@ -93,11 +93,7 @@ class Visits:
 
 
 def visits(
-    policy: StatePolicy,
-    opponent: StatePolicy,
-    *,
-    server: Literal[0, 1] | None = None,
-    tolerance: float = TOLERANCE,
+    policy: StatePolicy, opponent: StatePolicy, *, server: Literal[0, 1] | None = None, tolerance: float = TOLERANCE
 ) -> Visits:
     """Expected visits when player 0 plays ``policy`` and player 1 plays ``opponent``.
 
@@ -164,11 +160,7 @@ class Regret:
 
 
 def policy_regret(
-    policy: StatePolicy,
-    opponent: StatePolicy | None = None,
-    *,
-    solution: Solution | None = None,
-    tolerance: float = TOLERANCE,
+    policy: StatePolicy, opponent: StatePolicy | None = None, *, solution: Solution | None = None, tolerance: float = TOLERANCE
 ) -> Regret:
     """The regret of a policy in seat 0, weighted by its visits.
 
@@ -189,11 +181,7 @@ def policy_regret(
     # The regret of a state is at most 2, and its error that of two values.
     bound = 2 * solution.error_bound * float(weight.sum() + hidden * theirs.sum()) + 2 * counted.error_bound * (1 + hidden)
     return Regret(
-        state=state,
-        weight=weight,
-        per_rally=float(weight @ state) + float(theirs @ waiting),
-        error_bound=bound,
-        waiting=waiting,
+        state=state, weight=weight, per_rally=float(weight @ state) + float(theirs @ waiting), error_bound=bound, waiting=waiting
     )
 
 

@@ -84,10 +84,7 @@ def _swapped(odds: Odds) -> Odds:
 
 
 def crossplay(
-    policies: Sequence[TabulatedPolicy],
-    opponents: Sequence[TabulatedPolicy] | None = None,
-    *,
-    tolerance: float = TOLERANCE,
+    policies: Sequence[TabulatedPolicy], opponents: Sequence[TabulatedPolicy] | None = None, *, tolerance: float = TOLERANCE
 ) -> Crossplay:
     """Exact odds of every pair of policies, including each against itself; see :func:`pair_odds`.
 

@@ -217,13 +217,7 @@ class _Running:
 
 
 def play(
-    game: Game,
-    matches: Matches,
-    choose: Choose,
-    wait: Wait | None = None,
-    *,
-    rules: Rules = BWF,
-    keep_strokes: bool = True,
+    game: Game, matches: Matches, choose: Choose, wait: Wait | None = None, *, rules: Rules = BWF, keep_strokes: bool = True
 ) -> MatchResults:
     """Play all matches to their end between players who are asked for every stroke.
 

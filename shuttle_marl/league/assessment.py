@@ -53,10 +53,7 @@ def assess(standings: Sequence[Standing], results: Sequence[PairResult], exact: 
     some = {1} if np.isnan(win).any() else {standing.group for standing in standings}  # what was never compared has no meta-game
     rated = {standing.player for standing in standings if standing.matches and standing.group in some}
     return Assessment(
-        names=pool,
-        win=win,
-        games=meta_games([name for name in pool if name in rated], pool, win),
-        cycles=cycles(pool, win),
+        names=pool, win=win, games=meta_games([name for name in pool if name in rated], pool, win), cycles=cycles(pool, win)
     )
 
 

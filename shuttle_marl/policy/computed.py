@@ -89,9 +89,7 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     own = average if same else PairPolicy(game=game, probability=baselines.probabilities(player, game))
     priors = content_hash(own.probability.tobytes() + average.probability.tobytes())
     return cached_table(
-        game,
-        f"human {tau!r} {game.opposite.hash} {priors}",
-        lambda: tabulated_pairs(solve_soft(own, average, tau=tau).policy[0]),
+        game, f"human {tau!r} {game.opposite.hash} {priors}", lambda: tabulated_pairs(solve_soft(own, average, tau=tau).policy[0])
     )
 
 

@@ -237,10 +237,7 @@ def hidden_depth(perfect: TabulatedPolicy) -> dict[str, Any]:
     np.maximum.at(strokes, game.pair_state, perfect.pair_probabilities())
     mixed = {
         name: float(weight[largest < _SURE].sum() / weight.sum())
-        for name, largest, weight in (
-            ("strokes", strokes, seen.states[0]),
-            ("positions", positions.max(axis=1), seen.states[1]),
-        )
+        for name, largest, weight in (("strokes", strokes, seen.states[0]), ("positions", positions.max(axis=1), seen.states[1]))
     }
     without = solve(dataclasses.replace(game, recovery=NO_CHOICE)).policy[0]
     return {

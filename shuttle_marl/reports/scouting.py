@@ -156,12 +156,7 @@ def players_of(model: str = "default") -> list[ListedPlayer]:
 
 
 def scout(
-    opponent: str,
-    player: str | None = None,
-    *,
-    model: str = "default",
-    date: Day = None,
-    data: pa.Table | None = None,
+    opponent: str, player: str | None = None, *, model: str = "default", date: Day = None, data: pa.Table | None = None
 ) -> ScoutingReport:
     """Compute a scouting report.
 

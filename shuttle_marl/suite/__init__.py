@@ -14,14 +14,6 @@ if TYPE_CHECKING:
     from shuttle_marl.suite.run import run_method
     from shuttle_marl.suite.task import Task
 
-__all__ = [
-    "TASKS",
-    "SuiteRun",
-    "Task",
-    "Trained",
-    "find_task",
-    "run_method",
-    "verify_run",
-]
+__all__ = ["TASKS", "SuiteRun", "Task", "Trained", "find_task", "run_method", "verify_run"]
 
 __getattr__, __dir__ = lazily(__name__)

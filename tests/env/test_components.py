@@ -166,11 +166,7 @@ def test_pettingzoo_knows_the_environments() -> None:
 
 @pytest.mark.parametrize(
     "make",
-    [
-        rally_v0.env,
-        lambda: match_v0.env(mask="info"),
-        lambda: gymnasium.make("shuttle_marl/Match-v0", opponent="bc").unwrapped,
-    ],
+    [rally_v0.env, lambda: match_v0.env(mask="info"), lambda: gymnasium.make("shuttle_marl/Match-v0", opponent="bc").unwrapped],
 )
 def test_an_environment_of_the_shipped_game_is_a_few_bytes(make: Any) -> None:
     env = make()

@@ -19,11 +19,7 @@ from shuttle_marl.game.tables import Game, thresholds
 
 Floats = npt.NDArray[np.float64]
 
-THREE_STROKES = (
-    "short-serve:front-centre:below:backhand",
-    "smash:middle-left:above:forehand",
-    "lift:back-centre:below:forehand",
-)
+THREE_STROKES = ("short-serve:front-centre:below:backhand", "smash:middle-left:above:forehand", "lift:back-centre:below:forehand")
 OUTCOMES = {  # fault, winner, returned from below, returned from above, in sixteenths
     "short-serve": (2, 0, 7, 7),
     "smash": (2, 6, 4, 4),

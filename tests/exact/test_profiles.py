@@ -64,10 +64,7 @@ def test_nash_conv_is_never_negative(game: Game, seed: int, sharp: float) -> Non
     first, second = random_policy(game, seed, sharp), random_policy(game, seed + 1, sharp)
     found = nash_conv(first, second)
     value = evaluate(first, second).odds().value
-    gains = (
-        best_response(second).value.odds().value - value,
-        best_response(first).value.odds().value + value,
-    )
+    gains = (best_response(second).value.odds().value - value, best_response(first).value.odds().value + value)
     assert min(gains) >= -1e-8
     assert found.nash_conv == pytest.approx(sum(gains), abs=1e-8)
     both = nash_conv(first)

@@ -22,10 +22,7 @@ def hash_of(letter: str) -> str:
 
 
 def schedule(
-    given: str = "ab",
-    members: dict[str, Member] | None = None,
-    won: dict[str, float] | None = None,
-    **flags: Any,
+    given: str = "ab", members: dict[str, Member] | None = None, won: dict[str, float] | None = None, **flags: Any
 ) -> Schedule:
     """Of a league with a population of one letter each; the first letter of a pair wins this share of its rallies."""
     population = [Frozen(name=letter, role="given", round=0, hash=hash_of(letter)) for letter in given]

@@ -232,7 +232,7 @@ def test_standings_are_ratios_of_the_counts() -> None:
     results += [forfeited(pairing, ["c"], "hurt") for pairing in pairings[1:]]
     standings = rank(pool, results, 0, unknown(pool))
     assert [(s.rank, s.player, s.forfeits, s.matches, s.wins) for s in standings] == [
-        *((1, "a", 0, 20, 11), (2, "b", 0, 20, 9), (3, "c", 2, 0, 0)),
+        *((1, "a", 0, 20, 11), (2, "b", 0, 20, 9), (3, "c", 2, 0, 0))
     ]
     a, b, c = standings
     assert (a.share, a.rally_share, a.serving, a.receiving) == (0.55, 240 / 450, 120 / 220, 120 / 230)

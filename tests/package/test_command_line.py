@@ -151,10 +151,7 @@ def test_a_library_of_an_extra_that_is_missing_is_named(
 
 @pytest.mark.parametrize(
     ("flags", "says"),
-    [
-        (["--date", "2021-01-02"], "give both"),
-        (["--players", "a", "b", "--replay", "a.mcap"], "leave out --players"),
-    ],
+    [(["--date", "2021-01-02"], "give both"), (["--players", "a", "b", "--replay", "a.mcap"], "leave out --players")],
 )
 def test_what_cannot_be_watched_together(flags: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert watch.main(flags) == 1

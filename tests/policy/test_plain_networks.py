@@ -174,10 +174,7 @@ class Runs:
 
 @pytest.mark.parametrize(
     ("file", "content", "says"),
-    [
-        ("mine.pt", pickle.dumps(Runs()), "not a safetensors file"),
-        ("nowhere.pt", None, "No such file"),
-    ],
+    [("mine.pt", pickle.dumps(Runs()), "not a safetensors file"), ("nowhere.pt", None, "No such file")],
     ids=range(2),
 )
 def test_files_of_others_never_run(

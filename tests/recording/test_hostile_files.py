@@ -110,11 +110,7 @@ ESCAPES = "\x1b[31mred\x1b]0;title\x07\u202e\n[/bold]"
 
 @pytest.mark.parametrize(
     "command",
-    [
-        (recording, ["info", "LOG"]),
-        (recording, ["show", "LOG", "--match", "0"]),
-        (analysis, ["LOG", "--rallies", "20"]),
-    ],
+    [(recording, ["info", "LOG"]), (recording, ["show", "LOG", "--match", "0"]), (analysis, ["LOG", "--rallies", "20"])],
     ids=lambda command: "-".join([command[0].__name__.rpartition(".")[2], *command[1]]),
 )
 def test_names_reach_the_terminal_without_control_characters(

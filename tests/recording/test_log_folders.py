@@ -99,9 +99,7 @@ class TestFolders:
         policies = [Player(name=name) for name in ("a", "b", "c")]
         for worker in range(3):
             own = header(
-                seed=worker,
-                policies=tuple(policies[worker:] + policies[:worker])[:2],
-                pairings=(worker + 10, worker + 11, 5),
+                seed=worker, policies=tuple(policies[worker:] + policies[:worker])[:2], pairings=(worker + 10, worker + 11, 5)
             )
             with RallyLogWriter(tmp_path / f"worker-{worker}.mcap", own, batch_rallies=16) as log:
                 log.append(rallies(100, seed=worker))

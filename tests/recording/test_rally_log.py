@@ -115,11 +115,7 @@ def test_the_official_reader_reads_it(log_file: Path, rallies: Callable[..., Ral
         assert [m.name for m in reader.iter_metadata()] == ["shuttle_marl.rally_log"]
         batches, sequences = [], []
         for schema, channel, message in reader.iter_messages(topics="/rallies"):
-            assert (schema.name, schema.encoding, channel.message_encoding) == (
-                "shuttle_marl.Rallies",
-                "arrow",
-                "arrow_stream",
-            )
+            assert (schema.name, schema.encoding, channel.message_encoding) == ("shuttle_marl.Rallies", "arrow", "arrow_stream")
             assert pa.ipc.read_schema(pa.BufferReader(schema.data)).equals(arrow_schema(len(default_game().catalogue)))
             with pa.ipc.open_stream(message.data) as stream:
                 batches.append(stream.read_all())
@@ -254,7 +250,7 @@ def test_a_log_for_learning_has_the_strokes_of_both_and_what_follows_those_of_se
     assert table["stroke"].to_pylist() == [names[stroke] for stroke in rallies.stroke]
     assert table["own_last"].to_pylist() == ["none", "none", names[SERVE], "none", "none", "none", "none", "none"]
     assert table["incoming"].to_pylist() == [
-        *("none", names[SERVE], names[LIFTED], "none", names[SERVE], "none", "none", names[SERVE]),
+        *("none", names[SERVE], names[LIFTED], "none", names[SERVE], "none", "none", names[SERVE])
     ]
     assert table["contact"].to_pylist() == HAND_MADE.contact(states).tolist()
     assert table["hurried"].to_pylist() == [i == 2 for i in range(8)]

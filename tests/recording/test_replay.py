@@ -273,10 +273,7 @@ def test_changed_strokes_are_found(whole: tuple[LogHeader, Rallies], written) ->
 
 def test_another_game_is_refused(log_file: Path, header, tmp_path: Path) -> None:
     RallyLogWriter(tmp_path / "other.mcap", header(game="0" * 64)).close()
-    with (
-        RallyLog(tmp_path / "other.mcap") as log,
-        pytest.raises(RecordingError, match="played on game 000000000000, not on"),
-    ):
+    with RallyLog(tmp_path / "other.mcap") as log, pytest.raises(RecordingError, match="played on game 000000000000, not on"):
         replay(log, GAME)
 
 

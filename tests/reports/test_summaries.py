@@ -123,10 +123,7 @@ def test_figures_of_a_tournament(valued: pa.Table) -> None:
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             columns[name] = (np.nan_to_num(pc.fill_null(column, 0).to_numpy()) * weight).sum()
     found = {name: summarise(valued, name) for name in players_of(valued)}
-    golden.check(
-        "summaries",
-        {name: dataclasses.asdict(each) for name, each in found.items()} | columns,
-    )
+    golden.check("summaries", {name: dataclasses.asdict(each) for name, each in found.items()} | columns)
 
 
 @pytest.mark.slow

@@ -154,10 +154,7 @@ def test_estimators_add_up_values_of_rallies() -> None:
     data = log.transitions
     assert Behaviour().estimate(log, [target, target]) == [3 / 5, 3 / 5]
     rho, (q, v) = ratios(data, target), q_and_v(data, target)
-    for estimator, wins in (
-        (FittedQEvaluation(), v[data.first].sum()),
-        (DoublyRobust(), doubly_robust(data, rho, q, v).sum()),
-    ):
+    for estimator, wins in ((FittedQEvaluation(), v[data.first].sum()), (DoublyRobust(), doubly_robust(data, rho, q, v).sum())):
         assert estimator.estimate(log, [target, target]) == [pytest.approx((wins + 1) / 5)] * 2
 
 

@@ -145,10 +145,7 @@ FORMATS: Final[dict[str, Format]] = {
     "log_training": LOG,
     "tournament": Format(
         ("config.json", "manifest.json", "pairings.jsonl", "report.json", "rallies.mcap", "results.parquet"),
-        (
-            "league --pool bc random attacking --matches 4 --game model --out . --resume",
-            "league report . --out out.html",
-        ),
+        ("league --pool bc random attacking --matches 4 --game model --out . --resume", "league report . --out out.html"),
         results=("ranking.csv",),
     ),
     "training": Format(
@@ -177,15 +174,9 @@ FORMATS: Final[dict[str, Format]] = {
             "scout viktor-axelsen --game model --json",
         ),
     ),
-    "weights": Format(
-        ("mine.safetensors",),
-        ("exact evaluate torch:mine.safetensors --game model --json",),
-        checked=False,
-    ),
+    "weights": Format(("mine.safetensors",), ("exact evaluate torch:mine.safetensors --game model --json",), checked=False),
     "csv": Format(
-        ("strokes.csv", "columns.toml"),
-        ("data import strokes.csv --columns columns.toml --out out.parquet",),
-        checked=False,
+        ("strokes.csv", "columns.toml"), ("data import strokes.csv --columns columns.toml --out out.parquet",), checked=False
     ),
     "sportscode": Format(("file.xml",), ("data import file.xml --json", "data validate file.xml --json"), checked=False),
     "tags": Format(("match.inputs.jsonl", "match.csv"), ("tags match.mp4 match.csv",), checked=False),

@@ -25,11 +25,7 @@ def test_bonus_and_penalty_belong_to_the_stroke_that_was_played() -> None:
     np.testing.assert_allclose(added, 0.25 * (shot == "smash") - 0.5 * (shot == "lift") - 2 * fault, atol=1e-6)
 
 
-@given(
-    cost=st.floats(0, 2),
-    aversion=st.floats(0.05, 4),
-    probabilities=st.lists(st.floats(0.01, 1), min_size=6, max_size=6),
-)
+@given(cost=st.floats(0, 2), aversion=st.floats(0.05, 4), probabilities=st.lists(st.floats(0.01, 1), min_size=6, max_size=6))
 def test_the_penalty_orders_plays_as_the_entropic_risk_does(cost: float, aversion: float, probabilities: list[float]) -> None:
     """Two plays, each with its probabilities to win, to lose to the opponent, and to lose by an own fault."""
     plays = np.array(probabilities).reshape(2, 3)

@@ -110,15 +110,7 @@ def test_a_run_is_not_continued_against_an_opponent_that_changed(tmp_path: Path)
         train(again)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"iteration": "two"},
-        {"rallies": {}},
-        {"metrics": 300},
-        {"metrics": -1},
-    ],
-)
+@pytest.mark.parametrize("change", [{"iteration": "two"}, {"rallies": {}}, {"metrics": 300}, {"metrics": -1}])
 def test_a_checkpoint_of_another_kind_is_named(change: dict[str, Any], run: Path) -> None:
     about = checkpoint(run) / "about.json"
     about.write_bytes(seal({**read_sealed(about), **change}))

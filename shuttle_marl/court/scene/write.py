@@ -72,9 +72,7 @@ _STROKE: Final = _object(
 )
 SCHEMAS: Final[dict[str, dict[str, Any]]] = {  # of the topics that plots and tables read
     SCORE: _object(
-        "shuttle_marl.Score",
-        "integer rally match points_0 points_1 games_0 games_1 server winner",
-        "string name_0 name_1 reason",
+        "shuttle_marl.Score", "integer rally match points_0 points_1 games_0 games_1 server winner", "string name_0 name_1 reason"
     ),
     STROKE: _STROKE,
     SUMMARY: _object(
@@ -328,10 +326,7 @@ def write_scene(
     for number in map(int, progress(numbers)):
         rally, row = rallies.rally(number), log.rally(number)
         rally = dataclasses.replace(
-            rally,
-            names=seat_names(game, rally.names),
-            hands=hands or rally.hands,
-            athletes=athletes or rally.athletes,
+            rally, names=seat_names(game, rally.names), hands=hands or rally.hands, athletes=athletes or rally.athletes
         )
         analysis = analyse_rally(rally, game, policies.of_rally(number), rules=rally.score.rules)
         motion = stage(rally, seed=rally.key, athletes=rally.athletes)
