@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 
 from docs.tools.markdown import saved
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.dynamics.make import MIN_MATCHES_FOR_REFITS, MIN_STROKES, MIN_STROKES_WITH_PRIOR
+from shuttle_marl.dynamics.make import MIN_MATCHES_FOR_REFITS, MIN_STROKES
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.layout import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.shipped import read_model_card
@@ -70,7 +70,6 @@ FIGURES: Final = (
     Figure("docs/tutorials/own_loop.md", "(`[B, {}]`, [the vector", lambda: RALLY_WIDTH),
     Figure("docs/tutorials/own_loop.md", "the loop won {} % of rallies against `bc`", _own_loop_percent, ".0f", 0.02),
     Figure("docs/own_data.md", "At least three matches and {} strokes outside", lambda: MIN_STROKES),
-    Figure("docs/own_data.md", "It needs {} strokes and two matches", lambda: MIN_STROKES_WITH_PRIOR),
     Figure("docs/own_data.md", "leave open, need {} train matches", lambda: MIN_MATCHES_FOR_REFITS),
     Figure("docs/datasheet.md", "of which {} strokes of", _fitted_strokes),
 )

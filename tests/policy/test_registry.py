@@ -141,8 +141,13 @@ def test_names_that_lead_nowhere(module: str, name: str, says: str) -> None:
         resolve(name.replace("MODULE", module), GAME)
 
 
-def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def more_families(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Families that a test registers are forgotten after it."""
     monkeypatch.setattr(registry, "_FAMILIES", dict(registry._FAMILIES))
+
+
+def test_a_new_family_is_one_call(more_families: None) -> None:
     asked = []
 
     def load(argument: str | None, game: Game) -> Policy:
@@ -163,8 +168,7 @@ def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
             registry.register(key, Family(load=load))
 
 
-def test_a_file_may_name_only_families_that_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "_FAMILIES", dict(registry._FAMILIES))
+def test_a_file_may_name_only_families_that_say_so(more_families: None) -> None:
     for key, from_data in (("open", True), ("closed", False)):
         registry.register(key, Family(load=lambda _, game: resolve("safe", game), from_data=from_data))
     assert type(resolve_recorded("open:x", GAME)) is type(resolve("closed:x", GAME))
