@@ -227,6 +227,7 @@ def _exchange(path: Path, mutant: Mutant) -> None:
 
     new = {(code.co_qualname, code.co_firstlineno): code for code in inner(compile(mutant.source(), path, "exec"))}
     outer = mutant.function.split(".<locals>")[0]
+    gc.unfreeze()  # the collection of tests is frozen, and would not be found
     for function in [each for each in gc.get_objects() if isinstance(each, FunctionType)]:
         code = function.__code__
         if code.co_qualname.split(".<locals>")[0] == outer and code.co_filename == str(path):
