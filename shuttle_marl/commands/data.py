@@ -130,7 +130,8 @@ def template(*, out: Path) -> None:
         cli.check_free(out / name)
     for name, content in contents.items():
         replace_file(out / name, content.encode())
-    cli.say(f"{out}: {', '.join(contents)}; try `{command('data', 'import')}`")
+    again = command("data", "import", str(out / "strokes.csv"), "--columns", str(out / "columns.toml"))
+    cli.say(f"{out}: {', '.join(contents)}; try `{again}`")
 
 
 def summary(root: Root, *, json: bool = False) -> None:

@@ -44,6 +44,8 @@ def read(path: Path, given: ColumnMap) -> Sheet:
         raise DataError(path, f"JSON is not read; expected {_READ}")
     if start[:4] == b"PK\x03\x04":
         raise DataError(path, "a spreadsheet or an archive; save the sheet as CSV in UTF-8")
+    if start[:4] == b"PAR1":
+        raise DataError(path, "a Parquet table; what `import` writes is read as it is, other tables are saved as CSV")
     if given.columns:
         return read_csv(path, given.columns.values(), delimiter=given.delimiter or ",", decimal=given.decimal)
     sheet = read_csv(path, delimiter=given.delimiter or None, decimal=given.decimal)
