@@ -11,7 +11,7 @@ import tyro
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.commands.cli import check_suffix, console, print_json, say
+from shuttle_marl.commands.cli import console, print_json, say
 from shuttle_marl.game.policy import TabulatedPolicy, tabulate
 from shuttle_marl.game.shipped import Profile, resolve_game, shipped_game
 from shuttle_marl.game.tables import Game
@@ -119,9 +119,6 @@ class ReportOptions:
     language: Language = "en"  # Language of the page: English, Chinese (simplified) or Indonesian.
     hand: HandsTold = ()  # Hand of a player, such as kento-momota=left. Default: strokes around the head tell it.
     json_output: Json = False  # Print the figures as JSON, and write no page unless --out is given.
-
-    def __post_init__(self) -> None:
-        check_suffix(self.out, ".html")
 
     def write(self, report: "CoachReport", name: str) -> None:
         """Write the page and print the figures that the options ask for; ``name``: of the page by default."""

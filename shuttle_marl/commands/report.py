@@ -39,6 +39,7 @@ def report(
     from shuttle_marl.court.clips import match_clips  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.reports import coach  # noqa: PLC0415
 
+    cli.check_suffix(output.out, ".html")
     game = model.load_for(path)
     options: dict[str, Any] = {"columns": columns, "rules": rules, "video": video}
     with hands_told(output.hand), cli.working("analysing the match"), speaking(output.language):

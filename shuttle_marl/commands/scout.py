@@ -50,6 +50,7 @@ def scout(
         return
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
+    cli.check_suffix(output.out, ".html")
     options: dict[str, Any] = {"rules": rules, "date": date, "model": game}
     with hands_told(output.hand), cli.working("analysing the match-up"), speaking(output.language):
         report = scouting_report(player, opponent, data=data, clips=scout_clips, **options)

@@ -13,21 +13,31 @@ from typing import TYPE_CHECKING
 from shuttle_marl.base.extras import lazily
 
 if TYPE_CHECKING:
-    from shuttle_marl.game.layout import observations
+    from shuttle_marl.game.layout import GameError, observations
     from shuttle_marl.game.pairs import pair_game
-    from shuttle_marl.game.policy import Policy, States, tabulate
-    from shuttle_marl.game.scoring import Rules, Score
+    from shuttle_marl.game.policy import Policy, PolicyError, States, tabulate
+    from shuttle_marl.game.recovery import POSITIONS
+    from shuttle_marl.game.rules import ActionError, IllegalStrokeError
+    from shuttle_marl.game.scoring import Rules, Score, match_win_probability
     from shuttle_marl.game.shipped import default_game, load_game, model_folder
+    from shuttle_marl.game.stroke import SHOTS
     from shuttle_marl.game.tables import Game
 
 __all__ = [
+    "POSITIONS",
+    "SHOTS",
+    "ActionError",
     "Game",
+    "GameError",
+    "IllegalStrokeError",
     "Policy",
+    "PolicyError",
     "Rules",
     "Score",
     "States",
     "default_game",
     "load_game",
+    "match_win_probability",
     "model_folder",
     "observations",
     "pair_game",

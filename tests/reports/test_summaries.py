@@ -20,7 +20,6 @@ from shuttle_marl.game import court
 from shuttle_marl.game.pairs import load_skill
 from shuttle_marl.game.shipped import load_game, model_folder
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.league import pairs
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.reports import AnalysisError, charts, rally_table, strokes_of, strokes_of_log, summarise
 from shuttle_marl.reports.match import match_report, matches_in
@@ -202,20 +201,6 @@ def test_a_report_is_of_one_match_of_two() -> None:
 
 
 MEN = ("viktor-axelsen", "kento-momota")
-
-
-@pytest.mark.parametrize(
-    ("some", "says"),
-    [
-        (MEN[:1], f"--players {MEN[0]}: expected two or more"),
-        (MEN[:1] * 2, "each once"),
-        ((MEN[0], "an-se-young"), "who play men's singles"),
-    ],
-)
-def test_players_of_an_outlook_share_a_discipline(some: tuple[str, ...], says: str) -> None:
-    assert pairs.players_of("men", "default", MEN[::-1]) == [*MEN[::-1]]
-    with pytest.raises(AnalysisError, match=says):
-        pairs.players_of("men", "default", some)
 
 
 def test_hands_are_those_of_the_table_and_else_of_the_model() -> None:
