@@ -1,1 +1,1 @@
-"""The commands: ``python -m shuttle_marl.NAME`` and ``shuttle-marl NAME`` call the module ``NAME`` of this folder."""
+"""The commands: ``shuttle-marl NAME`` calls the module ``NAME`` of this folder."""
