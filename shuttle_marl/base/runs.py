@@ -36,6 +36,7 @@ PAGE: Final = "report.html"
 LOCK: Final = ".lock"  # lock file of a folder; never replaced or removed, so that all processes lock the same file
 _ABOUT: Final = "about.json"
 _RETAINED: Final = 2
+_BOTH: Final = "--resume continues a run and --overwrite replaces it; give one of them"
 _ADVICE: Final = "restore it from a backup, or start the run again with --overwrite"
 _LEFTOVER: Final = re.compile(rf"\.{re.escape(CONFIG)}\..*\.part")
 """File that remains if a process is killed before it wrote the configuration."""
@@ -63,6 +64,8 @@ class RunOptions:
 
     def __post_init__(self) -> None:
         files.check_bounds(self, self.error)
+        if self.resume and self.overwrite:
+            raise self.error(_BOTH)
 
 
 class _BusyError(RunError):
@@ -184,7 +187,7 @@ def open_run(out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool
             written.
     """
     if resume and overwrite:
-        raise RunError("--resume continues a run and --overwrite replaces it; give one of them")
+        raise RunError(_BOTH)
     default = Path("runs") / name
     with contextlib.ExitStack() as stack:
         with _usable(out or default):

@@ -80,8 +80,10 @@ class Friends:
             )
 
     def seen_by(self, query: Query) -> Query:
-        """A request about the game of a seat as one about its plan, which holds no choice that is still hidden. Raises
-        WatchError: nobody plays there."""
+        """A request about the game of a seat as one about its plan, which holds no choice that is still hidden.
+
+        Raises WatchError: nobody plays there.
+        """
         with self._lock:
             friend = query.friend
             game = None if friend is None else self._games.get(friend.token)

@@ -87,9 +87,11 @@ def catalogue_of(rows: Rows) -> Catalogue:
 
 
 def average_choices(models: FittedModels, rows: Rows, catalogue: Catalogue) -> F64:
-    """``[n, 2, 13, 3]`` share of shot types and techniques in the average player's choices, by incoming stroke and height. The
-    mean over the contexts in which people meet the incoming stroke at this height, and, with the weight of
-    :data:`CONTEXT_STROKES`, over those in which they meet any of its shot type; zero where nobody met that."""
+    """``[n, 2, 13, 3]`` share of shot types and techniques in the average player's choices, by incoming stroke and height.
+
+    It is the mean over the contexts in which people meet the incoming stroke at this height and, with the weight of
+    :data:`CONTEXT_STROKES`, over those in which they meet any stroke of its shot type; zero where nobody met one.
+    """
     context = [name for name in STATE if not name.startswith("incoming_") and name not in ("hands", "contact")]
     share = np.zeros((len(catalogue), 2, N_SHOTS, N_TECHNIQUES))
     for shot, contact in np.ndindex(N_SHOTS, 2):

@@ -111,14 +111,6 @@ class Skill:
                 total += own[:, :1] + own[:, 1 + self.group]
         return total
 
-    def variances(self, striker: str, receiver: str, day: Day = None) -> F64:
-        """``[3, 7]`` posterior variances of the sum of both players' offsets, by component, and general or group."""
-        total = np.zeros((len(COMPONENTS), 1 + len(GROUPS)))
-        for role, name in enumerate((striker, receiver)):
-            if name != AVERAGE:
-                total += self.deviation[self.knot(name, day), :, role].astype(np.float64) ** 2
-        return total
-
 
 def day_of(day: datetime.date | str) -> datetime.date:
     """The day of an ISO 8601 text. Raises GameError: it is no date."""

@@ -215,7 +215,7 @@ def load_weights(path: Path) -> Policy:
         ) from error
 
 
-def _network(arrays: Mapping[str, npt.NDArray[Any]], function: Any) -> NetworkPolicy:
+def _network(arrays: Mapping[str, npt.NDArray[Any]], function: object) -> NetworkPolicy:
     """The policy of weights and biases by the numbers of their layers, and the name of an activation.
 
     Raises ValueError: they form no chain from an observation, the activation is unknown, or a number is not finite.

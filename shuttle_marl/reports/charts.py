@@ -212,8 +212,13 @@ def _words() -> "Words":
 
 @_styled()
 def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
-    """Where strokes land; ``shares``, ``reference``: ``[9]`` shares of the target areas, and what they are compared with; areas
-    as a right-handed receiver sees them; ``hand``: of the receiver (None: unknown); ``clear``: areas with a frame."""
+    """Draw where strokes land.
+
+    Args:
+        shares, reference: ``[9]`` shares of the target areas, as a right-handed receiver sees them, and those to compare with.
+        hand: of the receiver; None: unknown.
+        clear: areas with a frame.
+    """
     chart, say = Chart(330.0, 330.0), _words()
     axes, colours, difference = chart.axes, _shades(_LESS, _ALIKE, _MORE), 100 * (shares - reference)
     draw_court(axes)

@@ -299,12 +299,3 @@ def test_the_opponent_of_a_learner_strikes_with_the_other_tables() -> None:
     for seat in (2, -1, np.array([0, 1])):
         with pytest.raises(GameError, match="expected 0 or 1 for all rows"):
             opponent_tables(both, seat)
-
-
-def test_variances_of_both_players_add_up() -> None:
-    table = skill()
-    knots = table.knot(A, "2020-01-01"), table.knot(B, "2020-01-01")
-    own, other = (table.deviation[knot, :, role].astype(float) ** 2 for role, knot in enumerate(knots))
-    assert np.array_equal(table.variances(A, B, "2020-01-01"), own + other)
-    assert np.array_equal(table.variances("average", B, "2020-01-01"), other)
-    assert table.variances("average", "average").tolist() == np.zeros((3, 7)).tolist()

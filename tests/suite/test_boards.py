@@ -94,9 +94,9 @@ def test_names_of_strangers_are_escaped_and_short() -> None:
     assert f"`ppo{'-' * 21}.../mine`" in render([row(author="ppo" + "-" * 57)])
 
 
-@pytest.mark.parametrize("given", [{"workers": 0}, {"workers": 513}])
+@pytest.mark.parametrize("given", [{"resume": True, "overwrite": True}, {"workers": 0}, {"workers": 513}])
 def test_options_of_runs_are_checked(given: dict[str, Any]) -> None:
-    with pytest.raises(SuiteError, match="workers"):
+    with pytest.raises(SuiteError, match=r"--resume continues a run|workers"):
         SuiteRun(task="exploit-v1", method="ppo", **given)
 
 
